@@ -30,7 +30,7 @@ __all__ = ["GenericRotator", "RotatorLanguage", "RotatorTiming", "Told"]
 
 _NEAR_DEG = 0.05
 """A rotator that rests so near to the ordered angle is there, °, or within one and a half of its steps.
-Chosen by hand: a tenth of what frames at 1° tolerance need. Doubled, a turn of 0.1° that was ignored passes."""
+Chosen by hand: a tenth of what frames at 1° tolerance need. Doubled, an ignored turn of 0.1° passes."""
 _STEPS = 1.5
 """So many of its steps beside the angle count as there: rounding by the rotator and by its driver. Doubled,
 coarse rotators rest three steps beside it."""

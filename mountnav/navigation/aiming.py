@@ -143,11 +143,16 @@ class Aiming:
             reason=NotReached.POLE,
         )
 
-    def between_sides(self, target: Icrs, found: Look) -> TargetNotReached | None:
+    def between_sides(self, target: Icrs, found: Look, *, sure: bool = False) -> TargetNotReached | None:
         """Why a mount changes sides of the pier with each correction, and will again; None if it needn't.
 
         On each side the frame's middle would have to look at the half of the sky for which the mount takes
         the other one.
+
+        Parameters
+        ----------
+        sure : bool
+            It is said also if it needn't: by the pole mounts take sides by counts of their own.
         """
         equipment, later = self.equipment, ""
         for flipped in (False, True):
@@ -158,8 +163,9 @@ class Aiming:
                 continue
             here = icrs_to_hour_angle(axis, equipment.clock.utc(), equipment.site, equipment.air)
             if (here.ha_deg >= 0.0) is east:
-                return None
-            if east:
+                if not sure:
+                    return None
+            elif east:
                 minutes = -here.ha_deg / SIDEREAL_DEG_S / 60.0
                 later = (
                     f"in about {minutes:.0f} min the meridian is passed for this point, too: order it then"

@@ -51,8 +51,9 @@ NEAR_ARCSEC = 120.0
 unsaid."""
 
 CHANGED_SIDES = 2
-"""After so many corrections that changed sides of the pier a point beside the middle counts as out of reach.
-Doubled, a mount goes to and fro over the pier twice more before that is said."""
+"""After so many corrections that changed sides of the pier a point beside the middle counts as out of reach,
+if the meridian explains it; after twice as many in any case. Doubled, a mount goes to and fro over the pier
+twice more before that is said."""
 
 Note = Callable[[str], None]
 
@@ -241,7 +242,8 @@ class Correcting:
             self._points(self.aiming.axis_after(self._target, found))
             self.out_of_reach = None
             if self.aiming.point is not None and self._changes >= CHANGED_SIDES:
-                self.out_of_reach = self.aiming.between_sides(self._target, found)
+                sure = self._changes >= 2 * CHANGED_SIDES
+                self.out_of_reach = self.aiming.between_sides(self._target, found, sure=sure)
         except TargetNotReached as error:
             # one false frame is no reason to give up
             self.out_of_reach = error
