@@ -118,8 +118,9 @@ def lived(seed: int, each: int = EACH, *, verbose: bool = False) -> list[Acquire
         tf_arcsec=chance.gauss(0.0, 30.0),
     )
     width_px, height_px = chance.choice([(3000, 2000), (1024, 1024), (6248, 4176)])
-    scale = math.exp(chance.uniform(math.log(0.4), math.log(4.0)))
     corner_px = math.hypot(width_px, height_px) / 2.0
+    # fields of 3° from corner to corner at most
+    scale = min(math.exp(chance.uniform(math.log(0.4), math.log(4.0))), 5400.0 / corner_px)
     through = SeenThrough(
         width_px,
         height_px,

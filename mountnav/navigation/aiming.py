@@ -85,6 +85,10 @@ class Aiming:
         """The same with all that is to be told of it; None without a point."""
         return None if self.point is None else point_seen(self.point, found)
 
+    def camera_deg(self, found: Look) -> float:
+        """Angle of the image's +y from the mount's own north, as a look shows it."""
+        return self._frame(found.mid_exposure_utc).angle_deg(found.seen, found.solution.rotation_deg)
+
     def axis_before(self, target: Icrs, side: PierSide) -> Icrs | None:
         """Where the middle must look, by what solves have taught; None where that isn't enough.
 
@@ -130,9 +134,8 @@ class Aiming:
         if self.point is None:
             return target
         arm = arm_seen(self.point, found.solution, _size_of(found))
-        frame = self._frame(found.mid_exposure_utc)
-        angle_deg = frame.angle_deg(found.seen, found.solution.rotation_deg) + (180.0 if flipped else 0.0)
-        axis = axis_for(target, arm, angle_deg, frame)
+        angle_deg = self.camera_deg(found) + (180.0 if flipped else 0.0)
+        axis = axis_for(target, arm, angle_deg, self._frame(found.mid_exposure_utc))
         if not isinstance(axis, Unreachable):
             return axis
         raise TargetNotReached(

@@ -36,7 +36,7 @@ from mountnav.navigation.steering import (
 from mountnav.navigation.sync import SyncDecision, SyncTrigger
 from mountnav.navigation.sync_transaction import TookElsewhere
 from mountnav.sky.coordinates import Icrs
-from mountnav.sky.sphere import Offset, displaced, offset_arcsec, separation_arcsec
+from mountnav.sky.sphere import Offset, displaced, half_turn_deg, offset_arcsec, separation_arcsec
 
 ZEROED_AT_DEC_DEG = 60.0
 """Far enough from the pole for a sync: there a polar axis 10′ off shifts the hour angle by 17′ at most.
@@ -112,7 +112,8 @@ class Correcting:
         self.aiming = Aiming(equipment, point)
         self.axis = self.aim = target
         self.out_of_reach: TargetNotReached | None = None
-        self._looked, self._changes = False, 0
+        self._stood_deg: float | None = None
+        self._changes = 0
         self._ahead = ahead
         self.approach = policy.approach is Approach.ALWAYS
         self.model_id: str | None = None
@@ -186,7 +187,6 @@ class Correcting:
             if not isinstance(self._steering, PolarSteering):
                 self._steering.forget()
             self._note(f"the slew changed sides of the pier, to {report.side_after}")
-            self._changes += self._looked
         return report.flipped
 
     @property
@@ -237,7 +237,11 @@ class Correcting:
         BadRequest
             The point isn't within the frame.
         """
-        self._looked = True
+        stands_deg = self.aiming.camera_deg(found)
+        # as the image shows it: not every mount says on which side its tube hangs
+        if self._stood_deg is not None and abs(half_turn_deg(stands_deg - self._stood_deg)) > 90.0:
+            self._changes += 1
+        self._stood_deg = stands_deg
         try:
             self._points(self.aiming.axis_after(self._target, found))
             self.out_of_reach = None
