@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
@@ -200,8 +201,15 @@ class GenericRotator:
             )
         return RotatorReading(told.mechanical_deg, asked + (self._clock.utc() - asked) / 2, told.moving)
 
-    async def turn(self, mechanical_deg: float) -> RotatorReading:
+    async def turn(
+        self, mechanical_deg: float, *, seen: Callable[[RotatorReading], None] | None = None
+    ) -> RotatorReading:
         """Turn to an angle of its mechanism; return when it is seen to rest there.
+
+        Parameters
+        ----------
+        seen : callable, optional
+            Told of each reading on the way; what it raises stops the rotator, and is passed on.
 
         Raises
         ------
@@ -222,7 +230,7 @@ class GenericRotator:
             raise Busy("it is turning", device=self.name, advice="wait for it, or stop it")
         self._turning = True
         try:
-            return await self._turned(mechanical_deg)
+            return await self._turned(mechanical_deg, seen)
         except (asyncio.CancelledError, DeviceSilent):
             # nobody waits any more, or nobody knows what it does: it must not turn on
             with suppress(DeviceError):
@@ -268,7 +276,9 @@ class GenericRotator:
     def _apart_deg(one_deg: float, other_deg: float) -> float:
         return abs(half_turn_deg(one_deg - other_deg))
 
-    async def _turned(self, mechanical_deg: float) -> RotatorReading:
+    async def _turned(
+        self, mechanical_deg: float, seen: Callable[[RotatorReading], None] | None
+    ) -> RotatorReading:
         timing, clock, stops = self._timing, self._clock, self._stops
         near_deg = max(_NEAR_DEG, _STEPS * self.step_deg)
         before = await self.reading()
@@ -283,6 +293,8 @@ class GenericRotator:
             await clock.sleep(timing.poll_s)
             now = await self.reading()
             self._require_unstopped(stops)
+            if seen is not None:
+                await self._told(seen, now)
             at_s = clock.monotonic_s()
             if self._apart_deg(now.mechanical_deg, latest.mechanical_deg) >= MOVED_DEG:
                 moved_s, ever, latest, rests_s = at_s, True, now, None
@@ -302,6 +314,14 @@ class GenericRotator:
                 await self._stopped_late(
                     f"hasn't reached {mechanical_deg:.2f}°, at {now.mechanical_deg:.2f}°,"
                 )
+
+    async def _told(self, seen: Callable[[RotatorReading], None], now: RotatorReading) -> None:
+        try:
+            seen(now)
+        except BaseException:
+            with suppress(DeviceError):
+                await self._language.send_stop()
+            raise
 
     def _elsewhere(
         self, before: RotatorReading, now: RotatorReading, wanted_deg: float, ever: bool

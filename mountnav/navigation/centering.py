@@ -430,6 +430,7 @@ class Centering:
             notes=tuple(self.notes),
             at=self._correcting.aiming.seen(found),
             rotation_deg=found.solution.rotation_deg,
+            last=found,
             target_name=self._moving.name,
             target_utc=found.mid_exposure_utc if self._moving.moves else None,
             target_sigma_arcsec=self._sigma_arcsec,

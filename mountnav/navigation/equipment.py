@@ -9,7 +9,7 @@ from typing import Protocol
 
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock, SystemClock
-from mountnav.devices import Camera, Mount
+from mountnav.devices import Camera, Mount, Rotator
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import Entry, EntryKind, Journal, Unwritten
 from mountnav.mount import CheckedMount
@@ -19,6 +19,7 @@ from mountnav.navigation.learned import Learned
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.reading_history import ReadingHistory
 from mountnav.navigation.reports import Listener
+from mountnav.navigation.rotator import CheckedRotator, RotatorRules
 from mountnav.navigation.sync import GuardedSync
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.pointing.limits import Limits, Mounting
@@ -72,6 +73,8 @@ class Equipment:
         By which an old frame is known.
     points : tuple of AimPoint
         To which targets may be brought besides the frame's middle.
+    rotator : CheckedRotator or None
+        What turns the camera.
     """
 
     name: str
@@ -88,6 +91,7 @@ class Equipment:
     apply_model: bool = True
     frames: FramesSeen = field(default_factory=FramesSeen)
     points: tuple[AimPoint, ...] = ()
+    rotator: CheckedRotator | None = None
 
     @property
     def site(self) -> Site:
@@ -142,6 +146,8 @@ def equip(
     learned: Learned | None = None,
     mounting: Mounting | None = None,
     points: tuple[AimPoint, ...] = (),
+    rotator: Rotator | None = None,
+    rotator_rules: RotatorRules | None = None,
 ) -> Equipment:
     """Put a telescope's equipment together: the driver behind its checks, syncs behind their guard.
 
@@ -169,6 +175,10 @@ def equip(
         None: not known.
     points : tuple of AimPoint
         To which targets may be brought besides the frame's middle.
+    rotator : Rotator, optional
+        The driver of what turns the camera.
+    rotator_rules : RotatorRules, optional
+        Its cable limits, and what else the operator says of it.
     """
     journal, clock = journal or Unwritten(), clock or SystemClock()
     checked = CheckedMount(
@@ -193,6 +203,9 @@ def equip(
         clock=clock,
         listen=listen,
     )
+    held = None
+    if rotator is not None:
+        held = CheckedRotator(rotator, rotator_rules or RotatorRules(), name, clock, journal, listen)
     return Equipment(
         name=name,
         mount=checked,
@@ -207,6 +220,7 @@ def equip(
         listen=listen,
         apply_model=apply_model,
         points=points,
+        rotator=held,
     )
 
 

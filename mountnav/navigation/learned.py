@@ -127,6 +127,25 @@ class Learned:
         """Begin again: somebody has worked on the camera."""
         self._kept, self._aside, self._normal = [], [], None
 
+    def turned(self, by_deg: float | None) -> None:
+        """Take note that the camera was turned, and so its images are, from now on.
+
+        Parameters
+        ----------
+        by_deg : float or None
+            On the sky, from north through east; None: by an unknown angle, then it is learned anew.
+        """
+        self._aside = []
+        if by_deg is None:
+            # as if taken at the pole, where an angle says nothing
+            self._kept = [replace(sample, cos_latitude=0.0) for sample in self._kept]
+        else:
+            self._kept = [
+                replace(sample, axis_angle_deg=(sample.axis_angle_deg + by_deg) % 360.0)
+                for sample in self._kept
+            ]
+        self._normal = normal_of(self._kept, self.rules)
+
     def of_another(self) -> Learned:
         """One for another camera, by the same rules, that knows nothing yet."""
         made = copy(self)

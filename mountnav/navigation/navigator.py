@@ -7,8 +7,9 @@ from dataclasses import replace
 from datetime import datetime
 
 from mountnav.devices import for_mount, from_mount
-from mountnav.errors import DeviceError, NotReached, TargetNotReached
+from mountnav.errors import DeviceError, DeviceRefused, NotReached, TargetNotReached
 from mountnav.frames import Frame
+from mountnav.journal.records import EntryKind
 from mountnav.mount import CheckedMount
 from mountnav.navigation.aim_points import AimPoint, by_name
 from mountnav.navigation.aiming import Aiming, point_seen
@@ -31,10 +32,12 @@ from mountnav.navigation.reports import (
     FrameLook,
     Look,
     RecoverReport,
+    Rotation,
     SlewReport,
     SyncReport,
     TelescopeState,
 )
+from mountnav.navigation.rotating import FieldAngle, Rotating, Shown, require_angle
 from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.sync import GuardedSync, SyncTrigger
 from mountnav.pointing.limits import Limits
@@ -97,6 +100,14 @@ async def state_of(
     )
 
 
+def _shown(report: CenterReport) -> Shown:
+    """The position angle that a centering's last look showed: of its point, or of the image."""
+    assert report.last is not None
+    assert report.rotation_deg is not None
+    angle_deg = report.rotation_deg if report.at is None else report.at.position_angle_deg
+    return angle_deg, report.last
+
+
 def _trusted(mount: CheckedMount) -> bool | None:
     """Whether its position counts; None of one that doesn't know, as long as nothing speaks against it."""
     return mount.trusted if mount.tells_trust or not mount.trusted else None
@@ -112,9 +123,12 @@ class Navigator(MountOrders):
     """
 
     def __init__(self, equipment: Equipment) -> None:
-        super().__init__(equipment.name, equipment.mount, equipment.camera, equipment.listen)
+        super().__init__(
+            equipment.name, equipment.mount, equipment.camera, equipment.listen, equipment.rotator
+        )
         self._equipment = equipment
         self._slewing = Slewing(equipment)
+        self._field: FieldAngle | None = None
 
     # -- what is known -------------------------------------------------------------------------------
 
@@ -278,6 +292,7 @@ class Navigator(MountOrders):
         """
         aiming = Aiming(self._equipment, self.point(at))
         async with self.work("slewing"):
+            self._field = None
             place = await self._on_arrival(target)
             side = await self._slewing.side_at(place)
             axis = aiming.require_known(place, side)
@@ -344,6 +359,7 @@ class Navigator(MountOrders):
         planned_s: float | None = None,
         key: str | None = None,
         at: AimPoint | str | None = None,
+        angle: FieldAngle | None = None,
     ) -> CenterReport:
         """Slew, look, correct, slew again, verify, until `target` is at the frame's center, or at a point.
 
@@ -357,6 +373,9 @@ class Navigator(MountOrders):
             Its name, for the policy of syncs.
         at : AimPoint or str, optional
             To which point it is brought, and where its error is judged, by the solved plate.
+        angle : FieldAngle, optional
+            How the image is to stand then; of a point, its own direction. After each turn of the rotator it
+            is centered again, and looked at.
 
         Returns
         -------
@@ -378,8 +397,28 @@ class Navigator(MountOrders):
             "correct_by": None if correct_by is None else CorrectBy(correct_by),
         }
         point = self.point(at)
+        if angle is not None:
+            require_angle(angle)
         policy = replace(self.policy, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
         async with self.work("centering"):
+            self._field = None
+            report = await self._centered(target, policy, point, angle, planned_s, key)
+            self._field = angle
+            return report
+
+    async def _centered(
+        self,
+        target: Target,
+        policy: CenteringPolicy,
+        point: AimPoint | None,
+        angle: FieldAngle | None,
+        planned_s: float | None,
+        key: str | None,
+        begun: CenterReport | None = None,
+    ) -> CenterReport:
+        """Center, unless that is done, and turn the field, until both are right."""
+
+        async def center() -> CenterReport:
             return await center_in_time(
                 self._equipment,
                 self._slewing,
@@ -390,6 +429,54 @@ class Navigator(MountOrders):
                 key=key,
                 point=point,
             )
+
+        latest = begun or await center()
+        if angle is None:
+            return latest
+
+        async def again() -> Shown:
+            nonlocal latest
+            latest = await center()
+            return _shown(latest)
+
+        rotating = Rotating(self._equipment, self.rotator)
+        rotation = await rotating.bring(angle, _shown(latest), again)
+        return replace(latest, rotation=rotation, notes=(*latest.notes, *rotation.notes))
+
+    async def rotate(
+        self, angle: FieldAngle, *, exposure_s: float | None = None, trust_count: bool = False
+    ) -> Rotation:
+        """Turn the field to a position angle where the telescope stands; nothing is slewed.
+
+        Parameters
+        ----------
+        trust_count : bool
+            An operator's word that the rotator's cables lie as its count says.
+
+        Returns
+        -------
+        Rotation
+
+        Raises
+        ------
+        DeviceRefused
+            There is no rotator, or its cable limits don't allow it; its count was disproved by a solve.
+        TargetNotReached
+            The rotator, or the image on it, didn't turn as ordered.
+        BadRequest, SolveFailed, MountMoved, BadFrame, Cancelled, DeviceError, JournalFailed
+        """
+        require_angle(angle)
+        async with self.work("rotating"):
+            if trust_count and self.rotator is not None:
+                self.rotator.trust()
+            persistence = cheap(self.policy.persistence, self.policy.solve_retries)
+
+            async def look() -> Shown:
+                looking = PersistentLook(self._equipment, self.policy, persistence, used="rotating")
+                found = (await looking.look(exposure_s)).look
+                return found.solution.rotation_deg, found
+
+            return await Rotating(self._equipment, self.rotator).bring(angle, await look(), look)
 
     async def flip(
         self,
@@ -409,16 +496,8 @@ class Navigator(MountOrders):
         point = self.point(at)
         async with self.work("flipping"):
             before = (await self.mount.reading()).pier_side
-            report = await center_in_time(
-                self._equipment,
-                self._slewing,
-                target,
-                self.policy,
-                halt=self.halt,
-                planned_s=planned_s,
-                key=key,
-                point=point,
-            )
+            angle = self._field
+            report = await self._centered(target, self.policy, point, None, planned_s, key)
             if before is not None and report.side is before and not report.flipped:
                 raise TargetNotReached(
                     f"centered, but the tube still hangs {before} of the pier",
@@ -426,7 +505,26 @@ class Navigator(MountOrders):
                     advice="the target must have crossed the meridian, by as much as the mount asks for",
                     reason=NotReached.SIDE,
                 )
-            return report
+            if angle is None:
+                return report
+            return await self._turned_with_it(report, target, point, angle, planned_s, key)
+
+    async def _turned_with_it(
+        self,
+        report: CenterReport,
+        target: Target,
+        point: AimPoint | None,
+        angle: FieldAngle,
+        planned_s: float | None,
+        key: str | None,
+    ) -> CenterReport:
+        """The field as it stood before the flip; or why it stands on its head now."""
+        try:
+            return await self._centered(target, self.policy, point, angle, planned_s, key, report)
+        except DeviceRefused as error:
+            words = f"the field didn't turn with the flip, it stands on its head: {error.what}"
+            await self._equipment.note(EntryKind.DECISION, words, {"wanted_deg": angle.position_angle_deg})
+            return replace(report, notes=(*report.notes, words))
 
     async def correct(
         self,

@@ -32,10 +32,12 @@ __all__ = [
     "Look",
     "PointSeen",
     "RecoverReport",
+    "Rotation",
     "SlewReport",
     "SyncReport",
     "TelescopeState",
     "Try",
+    "Turn",
     "angle_words",
     "camera_of",
     "finite_or_none",
@@ -202,6 +204,10 @@ class CenterReport:
         Where the point looked to which the target was brought; None: the frame's middle.
     rotation_deg : float or None
         Of the last frame: position angle of its +y.
+    last : Look or None
+        The last look.
+    rotation : Rotation or None
+        What came of the position angle that was asked for.
     target_name : str
         Of a target that moves; empty of a fixed one.
     target_utc : datetime or None
@@ -230,10 +236,65 @@ class CenterReport:
     notes: tuple[str, ...] = ()
     at: PointSeen | None = None
     rotation_deg: float | None = None
+    last: Look | None = None
+    rotation: Rotation | None = None
     target_name: str = ""
     target_utc: datetime | None = None
     target_sigma_arcsec: float = 0.0
     target_rates: SkyRates | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """One turn of a rotator that was made.
+
+    Attributes
+    ----------
+    from_deg, to_deg : float
+        Its count before, and where it was sent; between the cable limits.
+    came_deg : float
+        Its count afterwards.
+    elapsed_s : float
+    """
+
+    from_deg: float
+    to_deg: float
+    came_deg: float
+    elapsed_s: float
+
+    @property
+    def by_deg(self) -> float:
+        """How far it turned, by its count."""
+        return self.came_deg - self.from_deg
+
+
+@dataclass(frozen=True, slots=True)
+class Rotation:
+    """A field that was brought to a position angle.
+
+    Attributes
+    ----------
+    wanted_deg, before_deg, after_deg : float
+        Position angles: as ordered, and as solves showed it before and afterwards.
+    off_deg : float
+        What is left, within the tolerance.
+    tolerance_deg : float
+    turns : tuple of Turn
+        By the rotator's count.
+    sense : int or None
+        Whether position angles grow with the rotator's count; None while that isn't known.
+    notes : tuple of str
+        What an operator should know.
+    """
+
+    wanted_deg: float
+    before_deg: float
+    after_deg: float
+    off_deg: float
+    tolerance_deg: float
+    turns: tuple[Turn, ...] = ()
+    sense: int | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
