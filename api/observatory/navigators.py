@@ -9,6 +9,7 @@ from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock
 from mountnav.devices import Camera, Mount
 from mountnav.journal.records import Journal
+from mountnav.mount import Deadman
 from mountnav.navigation.equipment import Listener, Solve, equip
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.navigator import Navigator
@@ -31,6 +32,7 @@ def make_navigator(
     listen: Listener,
     journal: Journal,
     clock: Clock | None = None,
+    dead_man: Deadman | None = None,
 ) -> Navigator:
     """Put a telescope's navigator together.
 
@@ -40,6 +42,8 @@ def make_navigator(
         Of the whole service, for site, air and solving.
     mount : Mount
         The driver; from now on only the navigator may use it.
+    dead_man : Deadman, optional
+        Who ends what goes on by itself at the mount when the service is dead.
 
     Raises
     ------
@@ -72,6 +76,8 @@ def make_navigator(
             apply_model=one.model.apply,
             learned=Learned(mounting=mounting, policy=one.sync.policy),
             mounting=mounting,
+            following=one.following.policy,
+            dead_man=dead_man,
         )
     )
 

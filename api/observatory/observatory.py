@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from api.observatory.dead_man import MountGuard
 from api.observatory.fake_mounts import fake_on_pty, mechanics_of
 from api.observatory.last_frame import LastFrame
 from api.observatory.navigators import make_navigator
@@ -72,6 +73,8 @@ class Telescope:
         Where its nights are kept for `mountnav replay`.
     last_frame : LastFrame or None
         The last frame that was solved, for people to look at.
+    dead_man : MountGuard or None
+        Ends what goes on by itself at its mount when the service is dead; None for fakes that die with it.
     """
 
     id: str
@@ -83,6 +86,7 @@ class Telescope:
     mechanics: Mechanics | None = None
     recording: NightRecording | None = None
     last_frame: LastFrame | None = None
+    dead_man: MountGuard | None = None
     problem: str | None = None
     is_open: bool = False
     is_taken_up: bool = False
@@ -107,10 +111,12 @@ class Telescope:
         """
         async with self._opening:
             if not self.is_open:
+                await self._hold()
                 try:
                     await self.navigator.open()
                 except DeviceError as error:
                     self.problem = str(error)
+                    self._let_go()
                     raise
                 self.is_open, self.is_taken_up = True, False
             if not self.is_taken_up:
@@ -168,17 +174,29 @@ class Telescope:
                 _log.error("%s could not be stopped on the way down: %s", self.id, error)
             await self._release()
         self.is_open = False
+        if self.dead_man is not None:
+            self.dead_man.close()
         if self.bench is not None:
             await asyncio.to_thread(self.bench.stop)
 
     async def _take_up(self) -> None:
-        await self.restart.at_first_link(self.navigator.mount, self.navigator.guard)
+        await self.restart.at_first_link(self.navigator.mount, self.navigator.guard, self.navigator.rates)
 
     async def _release(self) -> None:
         try:
             await self.navigator.close()
         except DeviceError as error:
             _log.warning("%s: closing: %s", self.id, error)
+        self._let_go()
+
+    async def _hold(self) -> None:
+        """Have the mount for this service, once no guard of an earlier run is at work with it."""
+        if self.dead_man is not None:
+            await self.dead_man.hold()
+
+    def _let_go(self) -> None:
+        if self.dead_man is not None:
+            self.dead_man.release()
 
 
 class Observatory:
@@ -274,6 +292,11 @@ def _build(
         bench = fake_on_pty(protocol, dialect, mechanics)
         url = f"{protocol}+serial://{bench.address}"
     mount: Mount = open_mount(_with_options(url, one), name=one.id, site=settings.site.site)
+    dead_man: MountGuard | None = None
+    if not one.mount.is_fake and one.following.guard:
+        guarded = _with_options(url, one, sets=False)
+        dead_man = MountGuard(one.id, guarded, settings.site.site, one.following.on_loss)
+        restart.guard = dead_man
 
     def listen(kind: str, data: dict[str, object]) -> None:
         restart.heard(kind)
@@ -296,8 +319,10 @@ def _build(
         solve=seen,
         listen=listen,
         journal=journal,
+        dead_man=dead_man,
     )
-    return Telescope(one.id, navigator, url, journal, restart, bench, mechanics, recording, seen)
+    restart.tell = listen
+    return Telescope(one.id, navigator, url, journal, restart, bench, mechanics, recording, seen, dead_man)
 
 
 def require_devices(settings: Settings, file: Path | None = None) -> None:
@@ -351,13 +376,22 @@ def _told_of(file: Path | None, number: int, one: TelescopeSettings, *key: str) 
         ) from error
 
 
-def _with_options(url: str, one: TelescopeSettings) -> str:
-    """The URL with what the settings say of the mount as its options, unless it says its own."""
+def _with_options(url: str, one: TelescopeSettings, *, sets: bool = True) -> str:
+    """The URL with what the settings say of the mount as its options, unless it says its own.
+
+    `sets`: whether connecting may set its clock and site, where they say so.
+    """
     mount = one.mount
+    if not sets:
+        base, _, query = url.partition("?")
+        kept = [
+            part for part in query.split("&") if part and not part.startswith(("set_clock=", "set_site="))
+        ]
+        url = f"{base}?{'&'.join(kept)}" if kept else base
     given = {
         "epoch": mount.epoch,
-        "set_clock": "yes" if mount.set_clock else None,
-        "set_site": "yes" if mount.set_site else None,
+        "set_clock": "yes" if mount.set_clock and sets else None,
+        "set_site": "yes" if mount.set_site and sets else None,
         "trust_on_connect": None if mount.trust_on_connect else "no",
         "swap_sides": _yes_or_no(mount.swap_sides),
         "dtr": _yes_or_no(mount.dtr),

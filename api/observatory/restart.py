@@ -4,22 +4,31 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable, Mapping
 
+from api.observatory.dead_man import MountGuard
 from mountnav.clock import utc_now
 from mountnav.errors import DeviceError, JournalFailed
 from mountnav.journal.reading import COMMAND, JournalReader, Wanted
 from mountnav.journal.records import CommandRecord, Entry, EntryKind, Outcome
 from mountnav.journal.restart import acknowledge, take_up
 from mountnav.journal.sql_journal import SqlJournal
-from mountnav.mount import CheckedMount
+from mountnav.mount import CheckedMount, SelfActing, left_going
 from mountnav.mount.pier_side import SIDE_PROVEN
 from mountnav.mount.trust import ACCEPTED, ADVICE, LastSeen, seen_of
+from mountnav.navigation.rates_kept import RATES_KEPT, RatesKept
 from mountnav.navigation.sync import GuardedSync
 from mountnav.tasks import fault_words
 
 _log = logging.getLogger(__name__)
 
 _FAULT_ADVICE = "it is tried again by itself, and stops are taken; the service's log has more"
+LESSONS_READ = 1000
+"""Of what was learned: one row of the camera each ten looks, and those of the mount's rates between them.
+Halved, a correction of rates is forgotten after 5,000 looks."""
+_ORDERS_READ = 40
+"""So many of the latest orders of a kind tell what is in force; those that were refused don't. Halved, twenty
+refusals one after the other hide an order."""
 ROWS_READ = 500
 """Of syncs: more than a night has."""
 
@@ -42,9 +51,15 @@ class Restart:
     fault : str or None
         What keeps it from being taken up besides its link and the journal: a fault of ours, which is tried
         again. What was remembered of it isn't known so long, so its position doesn't count and it is refused.
+    guard : MountGuard or None
+        Whose reports of earlier runs are told.
+    tell : callable or None
+        Told ``dead-man``, with what the guard of an earlier run has done.
     """
 
     def __init__(self, journal: SqlJournal, telescope_id: str, *, outlives: bool = True) -> None:
+        self.guard: MountGuard | None = None
+        self.tell: Callable[[str, dict[str, object]], None] | None = None
         self.notice: str | None = None
         self.distrust: str | None = None
         self.fault: str | None = None
@@ -54,8 +69,8 @@ class Restart:
         self._done = False
         self._recalled = False
 
-    async def at_first_link(self, mount: CheckedMount, guard: GuardedSync) -> None:
-        """Close what was in flight by what the mount reads, and recall what was learned of the camera.
+    async def at_first_link(self, mount: CheckedMount, guard: GuardedSync, rates: RatesKept) -> None:
+        """Close what was in flight by what the mount reads; recall what was learned of camera and rates.
 
         Raises
         ------
@@ -65,16 +80,16 @@ class Restart:
             Also for a fault of ours: to be called again.
         """
         try:
-            await self._take_up(mount, guard)
+            await self._take_up(mount, guard, rates)
         except (DeviceError, JournalFailed):
             raise
         except Exception as fault:
             raise self._faulted(mount, fault) from fault
         self.fault = None
 
-    async def _take_up(self, mount: CheckedMount, guard: GuardedSync) -> None:
+    async def _take_up(self, mount: CheckedMount, guard: GuardedSync, rates: RatesKept) -> None:
         if not self._recalled:
-            await self._recall(mount, guard)
+            await self._recall(mount, guard, rates)
             await self._note_model(guard.pointing.model_id)
             self._recalled = True
         if not self._done:
@@ -94,16 +109,40 @@ class Restart:
 
     async def _meet_again(self, mount: CheckedMount) -> None:
         """Trust the mount no more than the last run did, and not if it stands elsewhere than it was left."""
-        last, in_flight = None, list[CommandRecord]()
+        last, in_flight, left = None, list[CommandRecord](), dict[SelfActing, str]()
         if self._outlives:
             reader, own = self._journal.reader, self._journal.run_id
+            await self._tell_of_guards()
+            left = await asyncio.to_thread(self._left)
             last = await asyncio.to_thread(last_seen, reader, self._telescope_id)
             in_flight = await asyncio.to_thread(reader.in_flight, self._telescope_id, but_run=own)
-        why = await mount.take_up(last, in_flight)
+        why = await mount.take_up(last, in_flight, left)
         if why is None and not mount.trusted and self.fault is not None:
             why = self.fault
         if why is not None:
             self.distrust = f"its position can't be trusted: {why}. Let it look (recover), or home it"
+
+    def _left(self) -> dict[SelfActing, str]:
+        """What an earlier run has left going."""
+        reader, own = self._journal.reader, self._journal.run_id
+        rates, axes = (
+            reader.latest_of(order, self._telescope_id, but_run=own, limit=_ORDERS_READ)
+            for order in ("offset-rates", "move-axis")
+        )
+        return left_going(rates, axes)
+
+    async def _tell_of_guards(self) -> None:
+        """Write down and tell what guards of earlier runs have done. Raises `JournalFailed`."""
+        if self.guard is None:
+            return
+        for report in await asyncio.to_thread(self.guard.reports):
+            what = f"the guard of an earlier run: {report.get('why')}; {report.get('outcome')}"
+            _log.warning("%s: %s", self._telescope_id, what)
+            facts = {"about": "dead-man", **report}
+            await self._journal.note(Entry(utc_now(), self._telescope_id, EntryKind.FAULT, what, facts))
+            if self.tell is not None:
+                self.tell("dead-man", dict(report))
+        await asyncio.to_thread(self.guard.told)
 
     def told(self, mount: CheckedMount) -> str | None:
         """What an operator should know now."""
@@ -111,6 +150,8 @@ class Restart:
             self.distrust = None
         if self.fault is not None:
             return f"{self.fault} ({_FAULT_ADVICE})"
+        if (going := mount.following_problem) is not None:
+            return going
         if (words := mount.contradiction) is not None:
             return f"mount and settings contradict each other, nothing is slewed: {words} ({ADVICE})"
         return self.distrust or self.notice
@@ -138,9 +179,9 @@ class Restart:
             facts = {"model_id": model_id, "before": before}
             await self._journal.note(Entry(utc_now(), self._telescope_id, EntryKind.MODEL, what, facts))
 
-    async def _recall(self, mount: CheckedMount, guard: GuardedSync) -> None:
+    async def _recall(self, mount: CheckedMount, guard: GuardedSync, rates: RatesKept) -> None:
         syncs = await self._journal.recent(self._telescope_id, EntryKind.SYNC, ROWS_READ)
-        learned = await self._journal.recent(self._telescope_id, EntryKind.LEARNED, 1)
+        learned = await self._journal.recent(self._telescope_id, EntryKind.LEARNED, LESSONS_READ)
         settings = await self._journal.recent(self._telescope_id, EntryKind.SETTINGS, ROWS_READ)
         said = [entry.facts for entry in settings if entry.facts.get("about") == ACCEPTED]
         if said and said[-1].get("difference") is not None:
@@ -148,7 +189,11 @@ class Restart:
         proven = [entry.facts for entry in settings if entry.facts.get("about") == SIDE_PROVEN]
         if proven:
             mount.restore_side_proof(proven[-1])
-        guard.restore(sorted((*syncs, *learned), key=lambda one: one.utc))
+        kept = [entry.facts[RATES_KEPT] for entry in learned if RATES_KEPT in entry.facts]
+        if kept and isinstance(kept[-1], Mapping):
+            rates.restore(kept[-1])
+        cameras = [entry for entry in learned if RATES_KEPT not in entry.facts][-1:]
+        guard.restore(sorted((*syncs, *cameras), key=lambda one: one.utc))
 
 
 def last_seen(reader: JournalReader, telescope_id: str) -> LastSeen | None:

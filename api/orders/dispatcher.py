@@ -16,15 +16,15 @@ from api.access.audit import Audit
 from api.access.callers import Caller, Face, Role
 from api.access.security import require_role
 from api.observatory.observatory import Observatory, Telescope, link_is_lost
-from api.orders.execute_order import work_of
+from api.orders.execute_order import goal, work_of
 from api.orders.jobs import Job, Jobs
 from api.orders.longer_orders import LongerOrders
-from api.orders.targets import Target, icrs_of, require_filter
+from api.orders.targets import Target, require_filter, require_place
 from api.orders.vocabulary import ModelRunOrder, Order, SeriesOrder, SolveOrder, role_for
 from api.orders.watching import Watch
 from api.problems import Refused
 from mountnav.clock import utc_now
-from mountnav.errors import DeviceError, JournalFailed, MountnavError, OutsideLimits
+from mountnav.errors import BadRequest, DeviceError, JournalFailed, MountnavError, OutsideLimits
 from mountnav.mount.order_book import EVEN_UNWRITTEN
 from mountnav.navigation.navigator import Navigator
 from mountnav.tasks import waited_for
@@ -162,10 +162,14 @@ class Dispatcher:
         devices = True
         request = order.model_dump(exclude_none=True)
         if (target := getattr(order, "target", None)) is not None:
-            solar_filter = self._observatory.telescope(telescope_id).navigator.limits.solar_filter
+            navigator = self._observatory.telescope(telescope_id).navigator
             try:
-                require_filter(target, solar_filter=solar_filter)
-            except OutsideLimits as refusal:
+                require_filter(target, solar_filter=navigator.limits.solar_filter)
+                # an orbit may take a while to be integrated
+                await asyncio.to_thread(
+                    require_place, target, utc_now(), navigator.mount.site, navigator.mount.air
+                )
+            except (OutsideLimits, BadRequest) as refusal:
                 self._audit.refused(caller, order.kind, refusal, telescope=telescope_id, request=request)
                 raise
         if isinstance(order, SolveOrder | SeriesOrder | ModelRunOrder):
@@ -274,10 +278,7 @@ class Dispatcher:
         """
         telescope = self._observatory.telescope(telescope_id)
         navigator = await telescope.ready()
-        mount = navigator.mount
-        require_filter(target, solar_filter=navigator.limits.solar_filter)
-        there = icrs_of(target, utc_now(), mount.site, mount.air)
-        await navigator.would_slew(there, after_stop=supersede)
+        await navigator.would_slew(goal(navigator, target), after_stop=supersede)
 
     async def stop(self, caller: Caller, telescope_id: str) -> Job | None:
         """Cancel the telescope's job and stop its mount; return the job. Waits for neither queue nor solve.

@@ -7,20 +7,25 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from functools import lru_cache
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from mountnav.ephemeris.bodies import SolarSystemBody
+from mountnav.ephemeris.elements import OrbitElements
+from mountnav.ephemeris.elements_text import read_elements
 from mountnav.ephemeris.ephemeris import Ephemeris, StarLike
+from mountnav.ephemeris.named import ephemeris_of_name, found_of_name
 from mountnav.ephemeris.path import MOST_WAYPOINTS, Path, Waypoint
 from mountnav.ephemeris.rates import MOST_RATE_ARCSEC_S, HorizonRatesTarget, SkyRatesTarget
-from mountnav.ephemeris.satellite import EarthSatellite
-from mountnav.ephemeris.tle import read_tle
+from mountnav.ephemeris.satellite import EarthSatellite, SatelliteElements
+from mountnav.ephemeris.satellite_text import read_satellites
+from mountnav.ephemeris.small_body import SmallBody
+from mountnav.ephemeris.table import Table
+from mountnav.ephemeris.table_text import read_table
 from mountnav.errors import BadRequest, LimitKind, OutsideLimits
 from mountnav.sky.chain import apparent_to_icrs, observed_to_icrs
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site
-from mountnav.sky.named import object_of_name
+from mountnav.sky.named import NamedObject
 from mountnav.sky.proper_motion import moved_to
 from mountnav.sky.typed_coordinates import LONGEST_TEXT, read_position
 
@@ -28,11 +33,14 @@ __all__ = [
     "AltAzTarget",
     "ApparentTarget",
     "Body",
+    "ElementsTarget",
     "IcrsTarget",
+    "Instant",
     "NamedTarget",
     "PathTarget",
     "RatesTarget",
     "SatelliteTarget",
+    "TableTarget",
     "Tagged",
     "Target",
     "TypedTarget",
@@ -40,7 +48,11 @@ __all__ = [
     "icrs_of",
     "moves",
     "require_filter",
+    "require_place",
 ]
+
+
+_Elements = TypeVar("_Elements", OrbitElements, SatelliteElements)
 
 
 class Body(BaseModel):
@@ -107,7 +119,7 @@ class NamedTarget(Tagged):
     def _is_known(cls, name: str) -> str:
         """Refuse it before a job begins."""
         try:
-            object_of_name(name)
+            found_of_name(name)
         except BadRequest as unknown:
             raise ValueError(f"{unknown.what}; {unknown.advice}") from unknown
         return name
@@ -115,19 +127,18 @@ class NamedTarget(Tagged):
     @property
     def moves(self) -> bool:
         """Whether it moves among the stars."""
-        return object_of_name(self.name).place is None
+        found = found_of_name(self.name)
+        return not isinstance(found, NamedObject) or found.place is None
 
     @property
     def is_sun(self) -> bool:
         """Whether it is the Sun."""
-        return object_of_name(self.name).kind == "sun"
+        found = found_of_name(self.name)
+        return isinstance(found, NamedObject) and found.kind == "sun"
 
     def ephemeris(self, utc: datetime, site: Site) -> Ephemeris:
         """Where it stands when. Raises `BadRequest`."""
-        found = object_of_name(self.name)
-        if found.place is None:
-            return SolarSystemBody(found.name.lower())
-        return StarLike(found.icrs(utc, site), found.name)
+        return ephemeris_of_name(self.name, utc, site)
 
 
 class TypedTarget(Tagged):
@@ -172,11 +183,12 @@ def _instant(text: str) -> str:
         raise ValueError(f"{text!r} lies outside of all years") from None
 
 
-_Instant = Annotated[
+Instant = Annotated[
     str,
     Field(max_length=40, json_schema_extra={"format": "date-time"}),
     AfterValidator(_instant),
 ]
+_Instant = Instant
 _Name = Annotated[
     str | None,
     Field(default=None, min_length=1, max_length=80, description="What to call it in messages"),
@@ -307,29 +319,85 @@ class PathTarget(MovingTarget):
         )
 
 
-MOST_SATELLITE_TEXT = 20_000
-"""Letters of a satellite's elements: an OMM in XML with all its comments has 3,000. Doubled, a request is
-larger."""
+MOST_ELEMENTS_TEXT = 50_000
+"""Letters of one body's elements: SBDB's answer with all its parts has 30,000, an OMM in XML 3,000. Doubled,
+a request is larger."""
+MOST_TABLE_TEXT = 200_000
+"""Letters of an ephemeris table: 1,000 rows of Horizons with many columns. A request may have 256 kB."""
 
 
 class SatelliteTarget(MovingTarget):
-    """An Earth satellite by two-line elements; refused when they are too old."""
+    """An Earth satellite by two-line elements or an OMM; refused when they are too old for the instant."""
 
     kind: Literal["satellite"] = "satellite"
-    elements: str = Field(min_length=1, max_length=MOST_SATELLITE_TEXT)
+    elements: str = Field(
+        min_length=1,
+        max_length=MOST_ELEMENTS_TEXT,
+        description="Two lines, with a name's line or without; or an OMM as XML, JSON, KVN or CSV",
+    )
 
     def ephemeris(self, air: Air) -> Ephemeris:
         """As it is followed."""
         return _satellite(self.elements)
 
 
+class ElementsTarget(MovingTarget):
+    """A minor planet or a comet by its orbital elements, integrated with the pull of the planets."""
+
+    kind: Literal["elements"] = "elements"
+    elements: str = Field(
+        min_length=1,
+        max_length=MOST_ELEMENTS_TEXT,
+        description="A line of MPCORB.DAT or CometEls.txt, JSON of the MPC, or an answer of JPL's SBDB",
+    )
+
+    def ephemeris(self, air: Air) -> Ephemeris:
+        """As it is followed."""
+        return _small_body(self.elements)
+
+
+class TableTarget(MovingTarget):
+    """A target by an ephemeris table: interpolated, and never beyond its ends."""
+
+    kind: Literal["table"] = "table"
+    table: str = Field(
+        min_length=1,
+        max_length=MOST_TABLE_TEXT,
+        description="Observer table of JPL's Horizons (text, CSV or its JSON), page of the MPC's ephemeris "
+        "service, or plain CSV",
+    )
+    made_for: Literal["here", "geocenter"] | None = Field(
+        default=None, description="Whom a page of the MPC is for, which gives places by a code alone"
+    )
+
+    def ephemeris(self, air: Air) -> Ephemeris:
+        """As it is followed."""
+        return _table(self.table, self.made_for)
+
+
 @lru_cache(maxsize=32)
 def _satellite(text: str) -> EarthSatellite:
-    found = read_tle(text)
+    return EarthSatellite(_the_one(read_satellites(text)))
+
+
+@lru_cache(maxsize=32)
+def _small_body(text: str) -> SmallBody:
+    return SmallBody(_the_one(read_elements(text)))
+
+
+@lru_cache(maxsize=16)
+def _table(text: str, made_for: Literal["here", "geocenter"] | None) -> Table:
+    return read_table(text, made_for=made_for)
+
+
+def _the_one(found: tuple[_Elements, ...]) -> _Elements:
     if len(found) > 1:
         names = ", ".join(one.name for one in found[:5])
-        raise BadRequest(f"these are elements of {len(found)} satellites ({names}); one is wanted")
-    return EarthSatellite(found[0])
+        raise BadRequest(
+            f"these are elements of {len(found)} objects ({names}); one is wanted",
+            advice="import the file, and order by name: mountnav ephemeris import FILE",
+        )
+    return found[0]
 
 
 AnyTarget = (
@@ -341,6 +409,8 @@ AnyTarget = (
     | RatesTarget
     | PathTarget
     | SatelliteTarget
+    | ElementsTarget
+    | TableTarget
 )
 Target = Annotated[AnyTarget, Field(discriminator="kind")]
 
@@ -402,6 +472,23 @@ def icrs_of(target: AnyTarget, utc: datetime, site: Site, air: Air) -> Icrs:
     if isinstance(target, MovingTarget | NamedTarget):
         return ephemeris_of(target, utc, site, air).icrs(utc, site)
     return _fixed(target, utc, site, air)
+
+
+def require_place(target: AnyTarget, utc: datetime, site: Site, air: Air) -> None:
+    """Refuse a moving target that is over, or has no place: before a job begins for it.
+
+    One that begins later is looked at when it begins.
+
+    Raises
+    ------
+    BadRequest
+        What is wrong with it, and what to do.
+    """
+    if not moves(target):
+        return
+    found = ephemeris_of(target, utc, site, air)
+    begins = found.begins_utc
+    found.icrs(utc if begins is None else max(utc, begins), site)
 
 
 def require_filter(target: AnyTarget, *, solar_filter: bool) -> None:

@@ -14,6 +14,7 @@ import contextlib
 import math
 
 from drivers.generic.language import Readout
+from drivers.generic.one_axis import refuse_lame_axis
 from drivers.generic.refusal_words import parked, rates_text
 from drivers.generic.refusals import Refusals
 from drivers.generic.session import Session
@@ -75,6 +76,8 @@ class Rates:
                 raise BadRequest(
                     f"an offset rate of {rate}″/s in {axis}", device=session.name, advice="a finite number"
                 )
+            if most is not None:
+                refuse_lame_axis(rates, most, "", device=session.name)
             if most_arcsec_s is not None and abs(rate) > most_arcsec_s:
                 raise DeviceRefused(
                     f"can't track at {rate:+.4f}″/s in {axis}: it takes at most {most_arcsec_s:.4f}″/s",

@@ -127,7 +127,7 @@ class FakeReports:
                 "GLS": lambda: values.status_to_text(self.status()) + b"#",
                 "GEP": lambda: values.pointing_to_text(self.pointing()) + b"#",
                 "GUT": lambda: values.clock_to_text(self.clock()) + b"#",
-                "GTR": lambda: memory.custom_rate + b"#",
+                "GTR": lambda: self._custom_rate() + b"#",
                 "QAP": lambda: b"%d#" % self.postures(),
             }
         else:
@@ -176,6 +176,12 @@ class FakeReports:
         if mechanics.tracking:
             return MountState.TRACKING
         return MountState.HOME if mechanics.at_home else MountState.STOPPED
+
+    def _custom_rate(self) -> bytes:
+        # a fault may have dropped what was ordered
+        custom = self._mechanics.rate is devices.TrackingRate.CUSTOM
+        dropped = custom and self._mechanics.beside_arcsec_s == (0.0, 0.0)
+        return b"10000" if dropped else self._memory.custom_rate
 
     def pointing(self) -> Pointing:
         """Where it believes to point, and from which side."""

@@ -6,12 +6,12 @@ order then shows in the readings.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime
 
 from drivers.generic.language import Identity, Readout, Sent, Wanted
 from drivers.generic.serial_language import SerialLanguage
-from drivers.ioptron import exchange
+from drivers.ioptron import exchange, following
 from drivers.ioptron.codec import v3
 from drivers.ioptron.codec.command_set import CommandSet
 from drivers.ioptron.codec.greeting import COMMAND_SETS, GREETING, Model, model
@@ -24,7 +24,7 @@ from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
 from mountnav import devices
 from mountnav.clock import utc_now
-from mountnav.devices import Direction, Epoch, Skill
+from mountnav.devices import Direction, Epoch, MountAxis, OffsetRates, RateSpan, Skill
 from mountnav.errors import DeviceGarbled, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
@@ -116,9 +116,20 @@ class IoptronLanguage(SerialLanguage):
             skills |= {Skill.FIND_HOME}
         if self._model.equatorial:
             skills |= {Skill.GUIDE}
+        if self._follows:
+            skills |= {Skill.OFFSET_RATES, Skill.MOVE_AXIS}
         if self._words.has_pier_side and self._model.equatorial:
             skills |= {Skill.PIER_SIDE, Skill.DESTINATION_SIDE}
         return frozenset(skills)
+
+    @property
+    def _follows(self) -> bool:
+        """Whether it takes a custom rate and says which: what the v2 set means by that is not certain."""
+        return (
+            self._words.name == "v3"
+            and self._model.equatorial
+            and not self._exchange.refining.lacks(v3.CUSTOM_RATE)
+        )
 
     # -- the link ----------------------------------------------------------------------------------
 
@@ -161,6 +172,8 @@ class IoptronLanguage(SerialLanguage):
             text += f", firmware {firmware}"
         if meridian is not None:
             text += f", {'flips' if meridian[0] else 'stops'} {meridian[1]}° past the meridian"
+        if words.name == "v3" and self._model.equatorial:
+            await self._exchange.known(v3.CUSTOM_RATE)
         self._tells_time = await exchange.read_clock(self._exchange) is not None
         return Identity(text, (*self._problems(status), *self._exchange.refining.notes))
 
@@ -379,6 +392,39 @@ class IoptronLanguage(SerialLanguage):
             )
         await self._exchange.obeyed(v3.set_park_altitude(place.alt_deg), "the park altitude")
         await self._exchange.obeyed(v3.set_park_azimuth(place.az_deg), "the park azimuth")
+
+    # -- what moves --------------------------------------------------------------------------------
+
+    @property
+    def most_offset_arcsec_s(self) -> OffsetRates | None:
+        """0.9 of the sidereal rate in right ascension, none in declination."""
+        return following.MOST if self._follows else None
+
+    @property
+    def offset_step_arcsec_s(self) -> float:
+        """Four decimals of the sidereal rate."""
+        return following.STEP_ARCSEC_S if self._follows else 0.0
+
+    async def send_offset_rates(self, rates: OffsetRates) -> None:
+        """Order the custom rate. Raises `DeviceRefused` for a part in declination, too."""
+        if not self._follows:
+            raise self._unsupported("track at rates of its own")
+        await following.order_rates(self._exchange, rates)
+
+    async def read_offset_rates(self) -> OffsetRates | None:
+        """What it is set to track at."""
+        return await following.told_rates(self._exchange) if self._follows else None
+
+    @property
+    def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
+        """Speeds of the arrow keys, of right ascension alone."""
+        return {"primary": following.SPANS} if self._follows else {}
+
+    async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
+        """Press an arrow key, or let go of it. Raises `DeviceRefused`."""
+        if axis not in self.axis_rates_deg_s:
+            raise self._unsupported(f"move its {axis} axis by hand")
+        return await following.move_ra(self._exchange, rate_deg_s, wanted)
 
     # -- clock, site and sides ---------------------------------------------------------------------
 

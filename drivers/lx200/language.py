@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from datetime import datetime
 from typing import TypeVar
 
 from drivers.generic.language import Identity, Readout, Sent, Wanted
+from drivers.generic.one_axis import refuse_lame_axis
 from drivers.generic.serial_language import SerialLanguage
 from drivers.lx200.codec.base import Answer
 from drivers.lx200.codec.dialect import Dialect, Nudge, Order
@@ -23,7 +24,17 @@ from drivers.wire.line import ByteLine, ControlLines, SerialLine
 from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import pause, real_s
-from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
+from mountnav.devices import (
+    STARS_RATES,
+    Direction,
+    Epoch,
+    MountAxis,
+    OffsetRates,
+    PierSide,
+    RateSpan,
+    Skill,
+    TrackingRate,
+)
 from mountnav.errors import DeviceError, DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
@@ -299,6 +310,74 @@ class Lx200Language(SerialLanguage):
         """Whether a pulse still runs, where the dialect has a word for it."""
         dialect = self.dialect
         return None if dialect.guiding is None else await dialect.guiding(self._ask)
+
+    # -- what moves --------------------------------------------------------------------------------
+
+    @property
+    def most_offset_arcsec_s(self) -> OffsetRates | None:
+        """The dialect's bound; 0 where an axis takes none."""
+        dialect = self._reader.dialect
+        return None if dialect is None or dialect.offsets is None else dialect.offsets.most_arcsec_s
+
+    @property
+    def offset_step_arcsec_s(self) -> float:
+        """The dialect's step."""
+        dialect = self._reader.dialect
+        return 0.0 if dialect is None or dialect.offsets is None else dialect.offsets.step_arcsec_s
+
+    async def send_offset_rates(self, rates: OffsetRates) -> None:
+        """Order rates beside the sidereal one; when the second of two orders is refused, neither counts.
+
+        Raises
+        ------
+        DeviceRefused
+            If it has no such words, takes none in that axis, or says no.
+        """
+        words = self.dialect.offsets
+        if words is None:
+            raise self._unsupported("track at rates of its own")
+        refuse_lame_axis(rates, words.most_arcsec_s, words.why_one, device=self.device)
+        sent = False
+        try:
+            for order in words.set(rates):
+                await self._order(order, "the offset rates")
+                sent = True
+        except DeviceRefused:
+            if sent and not rates.none:
+                for order in words.set(STARS_RATES):
+                    await self._order(order, "the end of the offset rates")
+            raise
+
+    async def read_offset_rates(self) -> OffsetRates | None:
+        """What it says to have, where it says it."""
+        words = self.dialect.offsets
+        return None if words is None or words.read is None else await words.read(self._ask)
+
+    @property
+    def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
+        """The dialect's."""
+        dialect = self._reader.dialect
+        return {} if dialect is None or dialect.keys is None else dialect.keys.spans
+
+    async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
+        """Choose the speed and press a key, or let go of it.
+
+        Raises
+        ------
+        DeviceRefused
+            If this mount can't be moved so.
+        """
+        keys = self.dialect.keys
+        if keys is None or axis not in keys.spans:
+            raise self._unsupported(f"move its {axis} axis by hand")
+        if rate_deg_s == 0.0:
+            return await self._once(keys.let_go_of(axis), "the end of the motion", wanted)
+        why = "" if keys.never is None else await keys.never(self._ask)
+        if why:
+            raise DeviceRefused(
+                f"can't move its axes by hand: {why}", device=self.device, reason=Refusal.UNSUPPORTED
+            )
+        return await self._once(keys.pressed(axis, rate_deg_s), "the motion", wanted)
 
     # -- clock, site, sides ------------------------------------------------------------------------
 

@@ -176,6 +176,8 @@ class Lx200Reader:
             await self.ask.known(question)
         if dialect.fresh is not None:
             await dialect.fresh(self.ask)
+        if dialect.offsets is not None and dialect.offsets.read is not None:
+            await dialect.offsets.read(self.ask)
         dialect = dialect.without(dialect, lacks)
         if dialect.read_guide_rate is not None:
             # one that doesn't say is guided all the same

@@ -76,6 +76,16 @@ class Gearing:
         """Step period for a rate (deg/s, > 0) in the low speed range."""
         return min(max(1, round(self.timer_hz * 360.0 / (self.counts * rate_deg_s))), LARGEST)
 
+    def rate_step_deg_s(self, rate_deg_s: float) -> float:
+        """By how much a rate changes with one tick of its step period, in the low speed range.
+
+        Between rest and the slowest rate there is none.
+        """
+        slowest_deg_s = self.rate_deg_s(LARGEST)
+        if rate_deg_s <= slowest_deg_s:
+            return slowest_deg_s
+        return rate_deg_s / self.period(rate_deg_s)
+
     def rate_deg_s(self, period: int, *, fast: bool = False) -> float:
         """Rate that a step period gives."""
         return self.timer_hz * 360.0 / (self.counts * max(period, 1)) * (self.ratio if fast else 1)
@@ -177,6 +187,12 @@ class Turns:
 HOME = Turns(0.0, HOME_SECOND_DEG)
 """Counterweight down, tube at the pole: how a German mount is set up, and where the counts begin at
 power-up."""
+
+
+def raises_dec(turns: Turns, latitude_deg: float) -> int:
+    """+1 where the second axis raises the declination when it runs forward, -1 where it lowers it."""
+    little = Turns(turns.first_deg, turns.second_deg + 1e-4)
+    return 1 if sight(little, latitude_deg).dec_deg > sight(turns, latitude_deg).dec_deg else -1
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from urllib.parse import urlsplit
 
@@ -22,12 +22,14 @@ from drivers.skywatcher.axes import (
     Turns,
     altitude_deg,
     hour_angle_of,
+    raises_dec,
     side_for,
     sight,
     sky_sign,
     turns_at,
 )
 from drivers.skywatcher.codec import Axis
+from drivers.skywatcher.following import ground_rates, most_beside, rates_of, spans_of, step_beside
 from drivers.skywatcher.readings import SkywatcherReading
 from drivers.skywatcher.steering import Aim
 from drivers.wire.exchange import Patience
@@ -35,7 +37,15 @@ from drivers.wire.line import ByteLine, ControlLines, SerialLine, UdpLine
 from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import pause, utc_now
-from mountnav.devices import Direction, PierSide, TrackingRate
+from mountnav.devices import (
+    STARS_RATES,
+    Direction,
+    MountAxis,
+    OffsetRates,
+    PierSide,
+    RateSpan,
+    TrackingRate,
+)
 from mountnav.errors import BadRequest, BadSettings, DeviceError, DeviceRefused, Refusal
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
@@ -94,6 +104,7 @@ class SkywatcherLanguage(SkywatcherReading):
         # before anything moves: whether the board can count so far
         self._axis_counts.counts(aim(utc_now()))
         self._drop_tasks()
+        self._as_for_a_star()
         self._parking = self._parked = False
         stops, starts = self._motors.stops, self._motors.starts
 
@@ -177,6 +188,7 @@ class SkywatcherLanguage(SkywatcherReading):
         The controller has no stop that leaves tracking alone.
         """
         self._drop_tasks()
+        self._as_for_a_star()
         self._parking = False
         rate = self._rate
         try:
@@ -214,6 +226,9 @@ class SkywatcherLanguage(SkywatcherReading):
             raise self._unsupported(f"track at the {rate} rate")
         self._drop_tasks()
         still = self._while_no_stop(lambda: True)
+        if self._offsets is not None or self._moved:
+            self._as_for_a_star()
+            await self._motors.halt(Axis.DECLINATION, still)
         if not on:
             self._rate = None
             await self._motors.halt(Axis.HOUR_ANGLE, still)
@@ -230,20 +245,27 @@ class SkywatcherLanguage(SkywatcherReading):
             self._rate = rate
             await self._watch_limit()
 
-    async def _watch_limit(self) -> None:
-        """Have tracking stopped when the counterweight has risen too far: the board wouldn't."""
-        self._begin("limit", self._stop_at_limit(await self._until_limit_deg()))
+    async def _watch_limit(self, along_deg_s: float = SIDEREAL_DEG_S) -> None:
+        """Have tracking stopped when the counterweight has risen too far: the board wouldn't.
 
-    async def _until_limit_deg(self) -> float:
+        Parameters
+        ----------
+        along_deg_s : float
+            How fast the first axis runs with the sky; negative: against it.
+        """
+        self._begin("limit", self._stop_at_limit(await self._until_limit_deg(along_deg_s), along_deg_s))
+
+    async def _until_limit_deg(self, along_deg_s: float) -> float:
         along_deg = sky_sign(self._site.latitude_deg) * (await self._turns()).first_deg
-        return 90.0 + self._settings.tracking_past_deg - along_deg
+        return 90.0 + self._settings.tracking_past_deg - math.copysign(along_deg, along_deg * along_deg_s)
 
-    async def _stop_at_limit(self, left_deg: float) -> None:
+    async def _stop_at_limit(self, left_deg: float, along_deg_s: float) -> None:
         with contextlib.suppress(DeviceError):
             while left_deg > 0.0:
-                await pause(left_deg / SIDEREAL_DEG_S)
-                left_deg = await self._until_limit_deg()
+                await pause(left_deg / max(abs(along_deg_s), SIDEREAL_DEG_S))
+                left_deg = await self._until_limit_deg(along_deg_s)
             self._rate = None
+            self._as_for_a_star()
             self.log.note("event", meaning="tracking stopped: the counterweight has risen to its limit")
             await self._motors.send_stop()
 
@@ -260,27 +282,143 @@ class SkywatcherLanguage(SkywatcherReading):
                 "a guide pulse refused: it doesn't track", device=self.device, reason=Refusal.NOT_TRACKING
             )
         still = self._while_no_stop(wanted)
-        guide, usual = self._settings.guide_rate, RATES_DEG_S[self._rate or TrackingRate.SIDEREAL]
+        guide_deg_s = self._settings.guide_rate * SIDEREAL_DEG_S
+        sky, north = await self._ways()
+        base_deg_s = SIDEREAL_DEG_S if self._offsets else self._base_deg_s
+        ground = ground_rates(self._offsets or STARS_RATES, base_deg_s, sky, north)
         self._guiding = True
         try:
             if direction in (Direction.EAST, Direction.WEST):
-                faster = 1.0 + guide if direction is Direction.WEST else 1.0 - guide
-                sent = await self._steering.pulse_along(faster, usual, duration_s, still)
+                usual_deg_s = sky * ground.first_deg_s
+                more_deg_s = guide_deg_s if direction is Direction.WEST else -guide_deg_s
+                if self._offsets is not None and min(usual_deg_s, usual_deg_s + more_deg_s) <= 0.0:
+                    raise self._unsupported("guide at such rates: the first motor would turn round")
+                faster = (usual_deg_s + more_deg_s) / usual_deg_s
+                sent = await self._steering.pulse_along(faster, usual_deg_s, duration_s, still)
             else:
-                rate = await self._northward(guide * SIDEREAL_DEG_S)
-                if direction is Direction.SOUTH:
-                    rate = -rate
-                sent = await self._steering.pulse_across(rate, duration_s, still)
+                rate = north * (guide_deg_s if direction is Direction.NORTH else -guide_deg_s)
+                across = ground.second_deg_s
+                sent = await self._steering.pulse_across(across + rate, duration_s, still)
+                if sent and across and self._offsets is not None:
+                    await self._following.run(Axis.DECLINATION, across, still)
         finally:
             self._guiding = False
         return Sent(wire=sent)
 
-    async def _northward(self, rate_deg_s: float) -> float:
-        """Signed rate of the second axis that raises the declination."""
-        turns = await self._turns()
-        little = Turns(turns.first_deg, turns.second_deg + 1e-4)
-        here, there = (sight(posture, self._site.latitude_deg) for posture in (turns, little))
-        return math.copysign(rate_deg_s, there.dec_deg - here.dec_deg)
+    # -- what moves ------------------------------------------------------------------------------
+
+    @property
+    def most_offset_arcsec_s(self) -> OffsetRates | None:
+        """What the motors can run at in their low speed range, tracking taken off; known after `open`."""
+        gears = self._motors.gears
+        return most_beside(gears) if gears else None
+
+    @property
+    def offset_step_arcsec_s(self) -> float:
+        """One tick of the step period, at the rates in force: it grows with them."""
+        gears = self._motors.gears
+        return step_beside(gears, self._offsets or STARS_RATES) if gears else 0.0
+
+    @property
+    def _base_deg_s(self) -> float:
+        return RATES_DEG_S[self._rate or TrackingRate.SIDEREAL]
+
+    async def _ways(self) -> tuple[int, int]:
+        """Which way the first axis runs with the sky, and which way the second one to the north."""
+        latitude_deg = self._site.latitude_deg
+        return sky_sign(latitude_deg), raises_dec(await self._turns(), latitude_deg)
+
+    async def send_offset_rates(self, rates: OffsetRates) -> None:
+        """Run both motors as what moves among the stars wants it; `STARS_RATES` ends that.
+
+        Raises
+        ------
+        DeviceRefused
+            If it doesn't track, or the board says no.
+        """
+        still = self._while_no_stop(lambda: True)
+        if rates.none and self._offsets is None and not await self._strays():
+            return
+        if self._rate is None:
+            raise DeviceRefused(
+                "can't track at rates of its own: it doesn't track",
+                device=self.device,
+                reason=Refusal.NOT_TRACKING,
+            )
+        before, self._offsets = self._offsets, None if rates.none else rates
+        sky, north = await self._ways()
+        base_deg_s = self._base_deg_s if rates.none else SIDEREAL_DEG_S
+        ground = ground_rates(rates, base_deg_s, sky, north)
+        was = ground_rates(before or STARS_RATES, SIDEREAL_DEG_S, sky, north)
+        try:
+            if not await self._following.follow(ground, was, still):
+                return  # a stop has the last word
+        except DeviceRefused:
+            self._offsets = before
+            raise
+        if still():
+            await self._watch_limit(sky * ground.first_deg_s)
+
+    async def _strays(self) -> bool:
+        """Whether the second motor runs on by itself, as a program before us may have left it."""
+        second = await self._motors.status(Axis.DECLINATION)
+        return second.running and not second.goto and not second.fast and self._rate is not None
+
+    async def read_offset_rates(self) -> OffsetRates | None:
+        """By the step periods and directions that the board tells; rest and tracking are those of a star."""
+        first, second = [await self._motors.status(axis) for axis in Axis]
+        if not first.running and self._offsets is None:
+            return STARS_RATES
+        ground = await self._following.in_force(first, second)
+        if ground is None:
+            return None
+        base_deg_s = self._base_deg_s if self._offsets is None else SIDEREAL_DEG_S
+        sky, north = await self._ways()
+        told = rates_of(ground, base_deg_s, sky, north)
+        gear = self._motors.gears[Axis.HOUR_ANGLE]
+        # the tick nearest to the tracking rate is that rate
+        half_arcsec_s = 0.5000001 * gear.rate_step_deg_s(base_deg_s) * 3600.0
+        if self._offsets is None and abs(told.ra_arcsec_s) <= half_arcsec_s:
+            told = OffsetRates(0.0, told.dec_arcsec_s)
+        return told
+
+    @property
+    def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
+        """What the motors can run at in their low speed range; known after `open`."""
+        gears = self._motors.gears
+        if not gears:
+            return {}
+        return {"primary": spans_of(gears[Axis.HOUR_ANGLE]), "secondary": spans_of(gears[Axis.DECLINATION])}
+
+    async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
+        """Run one motor faster, more slowly or the other way round; 0: as it was before.
+
+        Raises
+        ------
+        DeviceRefused
+            If the board says no.
+        """
+        still = self._while_no_stop(wanted)
+        if not wanted():
+            return Sent(wire=False)
+        await self._energize()
+        motor = Axis.HOUR_ANGLE if axis == "primary" else Axis.DECLINATION
+        sky, north = await self._ways()
+        offsets = self._offsets or STARS_RATES
+        resting_deg_s = 0.0 if self._rate is None else SIDEREAL_DEG_S if self._offsets else self._base_deg_s
+        ground = ground_rates(offsets, resting_deg_s, sky, north)
+        if rate_deg_s == 0.0:
+            self._moved.pop(motor, None)
+        else:
+            self._moved[motor] = rate_deg_s
+        if motor is Axis.HOUR_ANGLE:
+            along_deg_s = sky * ground.first_deg_s - rate_deg_s
+            sent = await self._following.run(motor, sky * along_deg_s, still)
+            if sent and still() and (along_deg_s or self._rate is not None):
+                await self._watch_limit(along_deg_s or SIDEREAL_DEG_S)
+        else:
+            sent = await self._following.run(motor, ground.second_deg_s + north * rate_deg_s, still)
+        return Sent(wire=sent)
 
     # -- park, home ------------------------------------------------------------------------------
 

@@ -10,12 +10,13 @@ from drivers.generic.serial_language import SerialLanguage
 from drivers.skywatcher import codec
 from drivers.skywatcher.axes import HOME, RATES_DEG_S, AxisCounts, SkywatcherSettings, Turns, place_of, sight
 from drivers.skywatcher.codec import NOT_EQUATORIAL, Axis, MotorStatus
+from drivers.skywatcher.following import Following
 from drivers.skywatcher.motors import Count, Motors
 from drivers.skywatcher.steering import Steering
 from drivers.wire.link import Link
-from mountnav.devices import Epoch, PierSide, Skill, TrackingRate
+from mountnav.devices import Epoch, OffsetRates, PierSide, Skill, TrackingRate
 from mountnav.errors import DeviceRefused, Refusal
-from mountnav.sky.coordinates import Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Site
 from mountnav.tasks import begun, fault_words
 
 _SKILLS = frozenset(
@@ -29,6 +30,8 @@ _SKILLS = frozenset(
         Skill.GUIDE,
         Skill.PIER_SIDE,
         Skill.DESTINATION_SIDE,
+        Skill.OFFSET_RATES,
+        Skill.MOVE_AXIS,
     }
 )
 _THERE_DEG = 0.01
@@ -40,6 +43,10 @@ speed. Chosen by hand: mounts differ from the speed that the settings say."""
 _SAME_RATE = 0.003
 """A motor found running tracks at one of our rates if it differs from that by less than this part. Chosen
 by hand: the Sun's and the stars' rate differ by 0.0027, so the nearest of them is taken first."""
+
+
+_SLOWEST_DEG_S = 1e-6
+"""A first motor that follows so slowly may be found at rest. Chosen by hand: a step in half a minute."""
 
 
 class SkywatcherReading(SerialLanguage):
@@ -58,6 +65,11 @@ class SkywatcherReading(SerialLanguage):
         self._motors = Motors(link, _FASTER * self._settings.goto_deg_s)
         self._axis_counts = AxisCounts(site.latitude_deg)
         self._steering = Steering(self._motors, self._axis_counts, site.latitude_deg, self._settings)
+        self._following = Following(self._motors)
+        self._offsets: OffsetRates | None = None
+        """Rates beside the sidereal one that we ordered; None: none."""
+        self._moved: dict[Axis, float] = {}
+        """Axes that are moved by hand, and how fast (east and north positive)."""
         self._energized = False
         self._zero_known = False
         self._rate: TrackingRate | None = None
@@ -116,6 +128,7 @@ class SkywatcherReading(SerialLanguage):
             await motors.count(axis)
         status = {axis: await motors.status(axis) for axis in Axis}
         self._rate = None
+        self._as_for_a_star()
         problems = [await self._running(axis, status[axis]) for axis in Axis if status[axis].running]
         if not all(motor.initialized for motor in status.values()):
             self._power_up_seen()
@@ -154,8 +167,14 @@ class SkywatcherReading(SerialLanguage):
         """The board was switched on since: nothing that we held of it is true any more."""
         self._energized = self._zero_known = False
         self._rate = self._side = None
+        self._as_for_a_star()
         self._parking = self._parked = False
         self._axis_counts.begin_at_home()
+
+    def _as_for_a_star(self) -> None:
+        """Whatever was ordered beside tracking is over."""
+        self._offsets = None
+        self._moved.clear()
 
     async def close(self) -> None:
         """Release the link; motors that run go on."""
@@ -197,13 +216,16 @@ class SkywatcherReading(SerialLanguage):
         turns = self._axis_counts.turns(first.value, second.value)
         seen = sight(turns, self._site.latitude_deg)
         tracking = self._follows(hour_angle)
+        across = self._guiding or self._runs_across(declination)
         resting = not hour_angle.running and not declination.running
         self._judge_park(turns, resting=resting)
         return Readout(
             place=place_of(seen.ha_deg, seen.dec_deg, first.utc, self._site),
             utc=first.utc,
             span_s=(second.utc - first.utc).total_seconds() + second.span_s,
-            slewing=(hour_angle.running and not tracking) or (declination.running and not self._guiding),
+            slewing=bool(self._moved)
+            or (hour_angle.running and not tracking)
+            or (declination.running and not across),
             tracking=tracking,
             parked=self._parked,
             at_home=resting and _near(turns, HOME),
@@ -212,7 +234,17 @@ class SkywatcherReading(SerialLanguage):
             doubtful=any(odd) or self._link.troubles != troubles,
         )
 
+    def _runs_across(self, second: MotorStatus) -> bool:
+        """Whether the second motor runs after what moves among the stars."""
+        return self._offsets is not None and not second.goto and not second.fast
+
     def _follows(self, first: MotorStatus) -> bool:
+        if Axis.HOUR_ANGLE in self._moved:
+            return self._rate is not None
+        if self._offsets is not None and not first.goto and not first.fast:
+            # it may run the other way, or rest: what it follows decides
+            along_deg_s = SIDEREAL_DEG_S - self._offsets.ra_arcsec_s / 3600.0
+            return first.running or abs(along_deg_s) < _SLOWEST_DEG_S
         return self._steering.is_tracking(first.running, first.goto, first.fast, first.backward)
 
     def _judge_park(self, turns: Turns, *, resting: bool) -> None:

@@ -315,6 +315,27 @@ class JournalReader:
         with self._reading() as connection:
             return [command_of(row) for row in _found(connection, query)]
 
+    def latest_of(
+        self, order: str, telescope: str, *, but_run: str | None = None, limit: int = 1
+    ) -> list[tuple[CommandRecord, CommandEnd | None]]:
+        """The latest commands of one order to a telescope, with their ends, the latest first.
+
+        Parameters
+        ----------
+        but_run : str, optional
+            Leave out those of this run of the service.
+        """
+        query = (
+            select(command)
+            .where(command.c.order == order, command.c.telescope == telescope)
+            .order_by(desc(command.c.row_id))
+            .limit(limit)
+        )
+        if but_run is not None:
+            query = query.where(command.c.run_id != but_run)
+        with self._reading() as connection:
+            return [(command_of(row), end_of(row)) for row in _found(connection, query)]
+
     def lines(
         self, wanted: Wanted = ALL, *, after: Mark | None = None, limit: int = 100, newest_first: bool = False
     ) -> list[Line]:

@@ -20,11 +20,21 @@ along ``path_ahead``) and axes moved by hand (``moved_axes``). ``ending`` ends t
 protocol of who does it when the service is dead.
 """
 
-from mountnav.mount.dead_man import Deadman
-from mountnav.mount.following_policy import FollowingPolicy
+from mountnav.mount.dead_man import Deadman, SelfActing, left_going
+from mountnav.mount.following_policy import FollowingPolicy, OnLoss
 from mountnav.mount.mount import CheckedMount
 from mountnav.mount.mount_state import Listener
 from mountnav.mount.offset_rates import RatesInForce
 from mountnav.mount.tracking_watch import WentAnotherWay
 
-__all__ = ["CheckedMount", "Deadman", "FollowingPolicy", "Listener", "RatesInForce", "WentAnotherWay"]
+__all__ = [
+    "CheckedMount",
+    "Deadman",
+    "FollowingPolicy",
+    "Listener",
+    "OnLoss",
+    "RatesInForce",
+    "SelfActing",
+    "WentAnotherWay",
+    "left_going",
+]

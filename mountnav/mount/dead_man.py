@@ -6,15 +6,21 @@ orders nothing any more, so a guard outside of it has to (`api.observatory.dead_
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
-from typing import Protocol
+from typing import Literal, Protocol
+
+from mountnav.journal.records import CommandEnd, CommandRecord, Outcome
+
+SelfActing = Literal["offset-rates", "move-axis"]
+"""What goes on by itself once it was ordered."""
 
 
 class Deadman(Protocol):
     """The guard of one mount."""
 
-    def arm(self, until_utc: datetime) -> None:
-        """Have it end rates and moved axes if the service dies, or is not heard of until then.
+    def arm(self, until_utc: datetime, what: Collection[SelfActing]) -> None:
+        """Have it end all this if the service dies, or is not heard of until then.
 
         Called before an order goes over the wire, and again for each that prolongs it; never waits.
 
@@ -34,10 +40,59 @@ class Deadman(Protocol):
         ...
 
 
+Row = tuple[CommandRecord, CommandEnd | None]
+
+_NEVER_OUT = frozenset({Outcome.REFUSED, Outcome.NOT_SENT})
+"""Outcomes of orders that changed nothing."""
+
+
+def left_going(rates: Sequence[Row], axes: Sequence[Row]) -> dict[SelfActing, str]:
+    """What an earlier run of the service has left going at a mount, by its journal, with what is known of it.
+
+    Parameters
+    ----------
+    rates, axes : sequence of (CommandRecord, CommandEnd or None)
+        The latest orders "offset-rates" and "move-axis", the latest first.
+    """
+    left: dict[SelfActing, str] = {}
+    known = next((row for row in rates if _tells(row, ("ra_arcsec_s", "dec_arcsec_s"))), None)
+    if known is not None and not _over(known, ("ra_arcsec_s", "dec_arcsec_s")):
+        facts = known[0].facts
+        left["offset-rates"] = (
+            f"rates of {facts.get('ra_arcsec_s')} and {facts.get('dec_arcsec_s')} ″/s were in force that "
+            f"were ordered at {known[0].utc:%H:%M:%S} UTC"
+        )
+    for axis in dict.fromkeys(str(row[0].facts.get("axis")) for row in axes):
+        moved = next(
+            (row for row in axes if row[0].facts.get("axis") == axis and _tells(row, ("rate_deg_s",))), None
+        )
+        if moved is not None and not _over(moved, ("rate_deg_s",)):
+            left["move-axis"] = (
+                f"its {axis} axis was moved at {moved[0].facts.get('rate_deg_s')}°/s, by an order of "
+                f"{moved[0].utc:%H:%M:%S} UTC"
+            )
+    return left
+
+
+def _none(facts: Mapping[str, object], names: Sequence[str]) -> bool:
+    return all(facts.get(name) == 0.0 for name in names)
+
+
+def _tells(row: Row, names: Sequence[str]) -> bool:
+    """Whether what is in force after an order is known by it: one that was refused changes nothing."""
+    command, end = row
+    return _none(command.facts, names) or end is None or end.outcome not in _NEVER_OUT
+
+
+def _over(row: Row, names: Sequence[str]) -> bool:
+    command, end = row
+    return _none(command.facts, names) and end is not None and end.outcome is Outcome.DONE
+
+
 class NoGuard:
     """No guard, where the mount dies with the service, or the settings want none."""
 
-    def arm(self, until_utc: datetime) -> None:
+    def arm(self, until_utc: datetime, what: Collection[SelfActing]) -> None:
         """Nothing."""
 
     def disarm(self) -> None:
@@ -52,20 +107,20 @@ class Armed:
 
     def __init__(self, guard: Deadman) -> None:
         self._guard = guard
-        self._until: dict[str, datetime] = {}
+        self._until: dict[SelfActing, datetime] = {}
 
-    def need(self, what: str, until_utc: datetime) -> None:
+    def need(self, what: SelfActing, until_utc: datetime) -> None:
         """Something goes on until then. Raises `DeviceError`: it may not."""
         wanted = self._until | {what: until_utc}
-        self._guard.arm(max(wanted.values()))
+        self._guard.arm(max(wanted.values()), wanted)
         self._until = wanted
 
-    def free(self, what: str) -> None:
+    def free(self, what: SelfActing) -> None:
         """It has ended; once is enough."""
         if self._until.pop(what, None) is None:
             return
         if self._until:
-            self._guard.arm(max(self._until.values()))
+            self._guard.arm(max(self._until.values()), self._until)
         else:
             self._guard.disarm()
 

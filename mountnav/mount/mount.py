@@ -29,7 +29,7 @@ from mountnav.devices import (
 )
 from mountnav.errors import Busy, DeviceError, MountnavError
 from mountnav.journal.records import CommandRecord, EntryKind, Journal, Order, Outcome, Unwritten, because
-from mountnav.mount.dead_man import Armed, Deadman, NoGuard
+from mountnav.mount.dead_man import Armed, Deadman, NoGuard, SelfActing
 from mountnav.mount.following_policy import FollowingPolicy, OnLoss
 from mountnav.mount.kill_points import kill_point
 from mountnav.mount.limits_guard import LimitsGuard
@@ -263,7 +263,12 @@ class CheckedMount:
         """Why it doesn't; empty while it does."""
         return self._state.why_untrusted
 
-    async def take_up(self, last: LastSeen | None, in_flight: Sequence[CommandRecord]) -> str | None:
+    async def take_up(
+        self,
+        last: LastSeen | None,
+        in_flight: Sequence[CommandRecord],
+        left: Mapping[SelfActing, str] | None = None,
+    ) -> str | None:
         """Take it up as an earlier run of the service left it; from now on what is seen is written down.
 
         Parameters
@@ -272,6 +277,8 @@ class CheckedMount:
             As it was seen last; None if nothing is known.
         in_flight : sequence of CommandRecord
             Orders of earlier runs that were begun and never closed.
+        left : mapping, optional
+            What an earlier run has left going, in words: it is ended first thing, and that is told.
 
         Returns
         -------
@@ -283,6 +290,14 @@ class CheckedMount:
         DeviceError
             It can't be read: to be called again.
         """
+        for what, words in (left or {}).items():
+            facts: dict[str, object] = {"what": what, "why": words}
+            self._book.note_now(EntryKind.FAULT, f"the service ended without having ended it: {words}", facts)
+            self._state.tell("left-going", facts)
+            room = self._rates if what == "offset-rates" else self._axes
+            # what can't be ended at once is tried on
+            with suppress(MountnavError):
+                await room.take_up(f"left by an earlier run of the service: {words}")
         return self._memory.take_up(last, in_flight, await self.reading())
 
     def trust(self) -> None:

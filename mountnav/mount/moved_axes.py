@@ -15,7 +15,7 @@ import math
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from datetime import timedelta
-from typing import get_args
+from typing import Final, get_args
 
 from mountnav.clock import Clock
 from mountnav.devices import Mount, MountAxis, MountReading, MovesAxes, RateSpan, Skill, from_mount, skills_of
@@ -64,7 +64,7 @@ doesn't heed its end is stopped that much later."""
 _STILL_SHARE = 0.25
 """An axis rests when it turns at less than this share of its speed. Chosen by hand. Doubled, one that brakes
 slowly is taken for one at rest."""
-_NAME = "move-axis"
+_NAME: Final = "move-axis"
 _AXES: tuple[MountAxis, ...] = get_args(MountAxis)
 _SUPERSIDEREAL_DEG_S = 0.02
 """Slower than this an axis' motion is below what tracking explains, °/s: whether it rests can't be read."""
@@ -378,12 +378,13 @@ class AxisOrders:
         await self.ending.close()
         self._no_countdown()
 
-    def take_up(self, why: str) -> None:
-        """An earlier run of the service has left an axis moving: both are ended first thing."""
+    async def take_up(self, why: str) -> None:
+        """An earlier run of the service has left an axis moving: end both. Raises as `end`."""
         if Skill.MOVE_AXIS in skills_of(self._mount) and isinstance(self._mount, MovesAxes):
             for axis in _AXES:
-                self._moved.setdefault(axis, _Moved(0.0, -math.inf))
-            self.ending.begin(why)
+                # how fast isn't known any more: both are seen at rest
+                self._moved.setdefault(axis, _Moved(self._policy.most_axis_deg_s, math.inf))
+            await self.ending.now(why)
 
     async def _end_once(self, why: str) -> None:
         """End all, and see them at rest. Raises a `MountnavError` if they aren't."""

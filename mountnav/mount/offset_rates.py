@@ -18,6 +18,7 @@ import math
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import Final
 
 from mountnav.clock import Clock
 from mountnav.devices import (
@@ -58,13 +59,13 @@ from mountnav.tasks import begun, fault_words
 
 __all__ = ["RateOrders", "RatesInForce"]
 
-_ZERO_ARCSEC_S = 0.05
-"""Rates that are read back as less than this are none, ″/s: protocols round. In ten minutes they lead 30″
-away. Doubled, twice as far."""
+_ZERO_ARCSEC_S = 5e-4
+"""Rates that are read back as less than this, or than a step of the protocol, are none, ″/s: 1.8″ in an hour.
+Doubled, a slow comet's that are forgotten to end are taken for ended; halved, float32 fails."""
 _GRACE_S = 5.0
 """The guard waits so much longer than the end of the rates for news, s: the service ends them itself, and
 needs some seconds over a slow line. Doubled, rates of a service that hangs go on for so much longer."""
-_NAME = "offset-rates"
+_NAME: Final = "offset-rates"
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,11 +365,11 @@ class RateOrders:
         await self.ending.close()
         self._no_countdown()
 
-    def take_up(self, why: str) -> None:
-        """An earlier run of the service has left rates in force: they are ended first thing."""
+    async def take_up(self, why: str) -> None:
+        """An earlier run of the service has left rates in force: end them. Raises as `end`."""
         if Skill.OFFSET_RATES in skills_of(self._mount) and isinstance(self._mount, TakesOffsetRates):
             self._owed = True
-            self.ending.begin(why)
+            await self.ending.now(why)
 
     async def _end_once(self, why: str) -> None:
         """End them and see that they have. Raises a `MountnavError` if not."""
@@ -388,7 +389,8 @@ class RateOrders:
             try:
                 await mount.set_offset_rates(STARS_RATES)
                 said = await mount.offset_rates()
-                if said is not None and max(abs(said.ra_arcsec_s), abs(said.dec_arcsec_s)) > _ZERO_ARCSEC_S:
+                zero = max(_ZERO_ARCSEC_S, float(getattr(mount, "offset_step_arcsec_s", 0.0)))
+                if said is not None and max(abs(said.ra_arcsec_s), abs(said.dec_arcsec_s)) > zero:
                     raise DeviceRefused(
                         f"told to end its rates, it says to have {said.ra_arcsec_s:.3f} and "
                         f"{said.dec_arcsec_s:.3f} ″/s still",
@@ -419,7 +421,9 @@ class RateOrders:
         self._no_countdown()
         in_force = self.in_force
         assert in_force is not None
-        self._timer = begun(self._until_the_end(in_force), "rates-end", died=self._timer_died)
+        # a clock that is set back must not prolong them
+        deadline_s = self._clock.monotonic_s() + (in_force.ends_utc - self._clock.utc()).total_seconds()
+        self._timer = begun(self._until_the_end(in_force, deadline_s), "rates-end", died=self._timer_died)
 
     def _no_countdown(self) -> None:
         task, self._timer = self._timer, None
@@ -429,9 +433,7 @@ class RateOrders:
     def _timer_died(self, fault: Exception) -> None:
         self.ending.begin(f"nobody counts their time: {fault_words(fault)}")
 
-    async def _until_the_end(self, in_force: RatesInForce) -> None:
-        # a clock that is set back must not prolong them
-        deadline_s = self._clock.monotonic_s() + (in_force.ends_utc - self._clock.utc()).total_seconds()
+    async def _until_the_end(self, in_force: RatesInForce, deadline_s: float) -> None:
         while True:
             left_s = min(
                 deadline_s - self._clock.monotonic_s(),

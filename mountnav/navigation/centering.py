@@ -198,6 +198,7 @@ class Centering:
         self._tolerance, note = tolerance_kept(policy.tolerance_arcsec, resolution)
         self._note(note)
         place = self._moving.at(equipment.clock.utc())
+        self._judged_utc = equipment.clock.utc()
         self._sigma_arcsec = self._moving.sigma_arcsec(equipment.clock.utc())
         self._tolerance, note = tolerance_widened(self._tolerance, self._sigma_arcsec)
         self._note(note)
@@ -273,7 +274,7 @@ class Centering:
                     continue
                 if latest is not found:
                     # that the tube holds still is what it shows: a moving target has gone on meanwhile
-                    there = self._moving.at(found.mid_exposure_utc)
+                    there = self._moving.at(self._judged_utc)
                     error = offset_arcsec(correcting.aiming.place(latest), there)
                     found = latest
                     tries.seen_again(found, error)
@@ -311,6 +312,7 @@ class Centering:
 
     def _error(self, found: Look) -> Offset:
         """How far the tube looked from where the target was in the middle of that exposure."""
+        self._judged_utc = found.mid_exposure_utc
         place = self._correcting.aiming.place(found)
         return offset_arcsec(place, self._moving.at(found.mid_exposure_utc))
 
@@ -407,8 +409,8 @@ class Centering:
         target, rates = self.target, None
         if self._moving.moves:
             target, rates = (
-                self._moving.at(found.mid_exposure_utc),
-                self._moving.rates(found.mid_exposure_utc),
+                self._moving.at(self._judged_utc),
+                self._moving.rates(self._judged_utc),
             )
             self._note(uncertain_note(self._sigma_arcsec, found))
         return CenterReport(
@@ -432,7 +434,7 @@ class Centering:
             rotation_deg=found.solution.rotation_deg,
             last=found,
             target_name=self._moving.name,
-            target_utc=found.mid_exposure_utc if self._moving.moves else None,
+            target_utc=self._judged_utc if self._moving.moves else None,
             target_sigma_arcsec=self._sigma_arcsec,
             target_rates=rates,
         )

@@ -12,11 +12,12 @@ from mountnav.clock import Clock, SystemClock
 from mountnav.devices import Camera, Mount, Rotator
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import Entry, EntryKind, Journal, Unwritten
-from mountnav.mount import CheckedMount
+from mountnav.mount import CheckedMount, Deadman, FollowingPolicy
 from mountnav.navigation.aim_points import AimPoint
 from mountnav.navigation.frames_seen import FramesSeen
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.policy import CenteringPolicy
+from mountnav.navigation.rates_kept import RatesKept
 from mountnav.navigation.reading_history import ReadingHistory
 from mountnav.navigation.reports import Listener
 from mountnav.navigation.rotator import CheckedRotator, RotatorRules
@@ -75,6 +76,8 @@ class Equipment:
         To which targets may be brought besides the frame's middle.
     rotator : CheckedRotator or None
         What turns the camera.
+    rates : RatesKept
+        How the mount keeps rates beside the sidereal one, as looks have shown.
     """
 
     name: str
@@ -92,6 +95,7 @@ class Equipment:
     frames: FramesSeen = field(default_factory=FramesSeen)
     points: tuple[AimPoint, ...] = ()
     rotator: CheckedRotator | None = None
+    rates: RatesKept = field(default_factory=lambda: RatesKept(""))
 
     @property
     def site(self) -> Site:
@@ -148,6 +152,8 @@ def equip(
     points: tuple[AimPoint, ...] = (),
     rotator: Rotator | None = None,
     rotator_rules: RotatorRules | None = None,
+    following: FollowingPolicy | None = None,
+    dead_man: Deadman | None = None,
 ) -> Equipment:
     """Put a telescope's equipment together: the driver behind its checks, syncs behind their guard.
 
@@ -179,6 +185,10 @@ def equip(
         The driver of what turns the camera.
     rotator_rules : RotatorRules, optional
         Its cable limits, and what else the operator says of it.
+    following : FollowingPolicy, optional
+        Bounds of rates beside the stars' and of axes moved by hand.
+    dead_man : Deadman, optional
+        Who ends them when the service is dead.
     """
     journal, clock = journal or Unwritten(), clock or SystemClock()
     checked = CheckedMount(
@@ -190,6 +200,8 @@ def equip(
         journal=journal,
         clock=clock,
         mounting=mounting,
+        following=following,
+        dead_man=dead_man,
     )
     readings = ReadingHistory()
     checked.on_reading(readings.add)
@@ -221,6 +233,7 @@ def equip(
         apply_model=apply_model,
         points=points,
         rotator=held,
+        rates=RatesKept(mount.name),
     )
 
 

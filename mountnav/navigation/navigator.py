@@ -7,6 +7,7 @@ from dataclasses import replace
 from datetime import datetime
 
 from mountnav.devices import for_mount, from_mount
+from mountnav.ephemeris import Ephemeris
 from mountnav.errors import DeviceError, DeviceRefused, NotReached, TargetNotReached
 from mountnav.frames import Frame
 from mountnav.journal.records import EntryKind
@@ -16,6 +17,7 @@ from mountnav.navigation.aiming import Aiming, point_seen
 from mountnav.navigation.centering import center_in_time
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.first_light import first_light
+from mountnav.navigation.follow import Following, FollowProgress, FollowReport
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.look import at_instant
 from mountnav.navigation.look_retries import PersistentLook, cheap
@@ -23,6 +25,7 @@ from mountnav.navigation.mount_orders import MountOrders
 from mountnav.navigation.moving import MovingTarget, Target
 from mountnav.navigation.outside_frames import WITHIN, By, Judged, compare_frame, correct
 from mountnav.navigation.policy import CenteringPolicy, CorrectBy
+from mountnav.navigation.rates_kept import RATES_KEPT, RatesKept
 from mountnav.navigation.recovering import recover, require_away_from_pole
 from mountnav.navigation.reports import (
     CenterReport,
@@ -129,6 +132,7 @@ class Navigator(MountOrders):
         self._equipment = equipment
         self._slewing = Slewing(equipment)
         self._field: FieldAngle | None = None
+        self._following: Following | None = None
 
     # -- what is known -------------------------------------------------------------------------------
 
@@ -525,6 +529,91 @@ class Navigator(MountOrders):
             words = f"the field didn't turn with the flip, it stands on its head: {error.what}"
             await self._equipment.note(EntryKind.DECISION, words, {"wanted_deg": angle.position_angle_deg})
             return replace(report, notes=(*report.notes, words))
+
+    async def follow(
+        self,
+        target: Ephemeris,
+        *,
+        until_utc: datetime,
+        tolerance_arcsec: float | None = None,
+        exposure_s: float | None = None,
+        look_every_s: float | None = None,
+        heard: Callable[[FollowProgress], None] | None = None,
+        key: str | None = None,
+    ) -> FollowReport:
+        """Center a target that moves, and track it until an end: by rates, guide pulses or small slews.
+
+        A fast one is waited for ahead on its path. However it ends, the mount has no rates afterwards.
+
+        Parameters
+        ----------
+        until_utc : datetime
+            Aware; earlier where its ephemeris ends, or a limit is ahead.
+        tolerance_arcsec, exposure_s : float, optional
+            Instead of the policy's.
+        look_every_s : float, optional
+            Between two looks while all is well.
+        heard : callable, optional
+            Told how it goes, after each look.
+        key : str, optional
+            Its name, for the policy of syncs.
+
+        Returns
+        -------
+        FollowReport
+            Followed to the end; every other end is an error.
+
+        Raises
+        ------
+        DeviceRefused
+            It is too fast for this mount, with the numbers; nothing moved.
+        OutsideLimits, BadRequest
+            It is outside the limits or its span now; nothing moved.
+        TargetNotReached
+            It could not be centered, or the mount doesn't keep its rates and has no other means.
+        Cancelled
+            It was stopped, or the rates were ended by something else.
+        SolveFailed, OffsetTooLarge, SyncRefused, MountMoved, DeviceError, JournalFailed
+        """
+        policy = replace(
+            self.policy,
+            tolerance_arcsec=self.policy.tolerance_arcsec if tolerance_arcsec is None else tolerance_arcsec,
+            exposure_s=self.policy.exposure_s if exposure_s is None else exposure_s,
+        )
+        async with self.work("following"):
+            run = Following(
+                self._equipment,
+                self._slewing,
+                target,
+                until_utc,
+                policy,
+                look_every_s=look_every_s,
+                heard=heard,
+                key=key,
+                halt=self.halt,
+            )
+            self._following = run
+            try:
+                return await run.run()
+            finally:
+                self._following = None
+
+    async def stop(self) -> None:
+        """Stop the mount now, whatever else is going on; then end a running exposure."""
+        if self._following is not None:
+            self._following.stopped()
+        await super().stop()
+
+    @property
+    def rates(self) -> RatesKept:
+        """How the mount keeps rates beside the sidereal one, as looks have shown."""
+        return self._equipment.rates
+
+    async def forget_rates(self) -> None:
+        """An operator's word that what was learned of the mount's rates counts no more. `JournalFailed`."""
+        rates = self._equipment.rates
+        rates.withdraw("forgotten by an operator's word")
+        await self._equipment.note(EntryKind.LEARNED, rates.words, {RATES_KEPT: rates.as_dict()})
 
     async def correct(
         self,

@@ -81,6 +81,9 @@ turn what rates come to by as much as faults do. Halved, a polar axis 10′ off 
 TELLING_SHARE = 0.5
 """A coordinate whose ordered rate is less than this share of what its errors hide says nothing of a fault."""
 
+HARMLESS = 1.5
+"""A correction is tried to tell faults apart if under none of them the mount goes faster than so many times
+what was ordered. Doubled, the target leaves narrow fields while it is tried."""
 GROSS_SHARE = 0.3
 """Rates are called right once every fault that would change them by more than this share is excluded; smaller
 ones take longer, and corrections by looks take them off meanwhile. Doubled, cos δ at 50° may go unsaid."""
@@ -164,6 +167,13 @@ class _Law:
 
 
 _F = RateFault
+_OF_FACTORS: tuple[tuple[RateFault, LawWord], ...] = (
+    (_F.FACTOR_15, "x15.04"),
+    (_F.FACTOR_1_15, "/15.04"),
+    (_F.FACTOR_SIDEREAL, "x1.0027"),
+    (_F.FACTOR_SOLAR, "/1.0027"),
+    (_F.FACTOR_220, "x220"),
+)
 _RIGHT = _Law(None, "right", "right")
 _LAWS: tuple[_Law, ...] = (
     _Law(_F.IGNORED, "none", "none"),
@@ -172,24 +182,16 @@ _LAWS: tuple[_Law, ...] = (
     _Law(_F.SIGN_RA, "reversed", "right"),
     _Law(_F.SIGN_DEC, "right", "reversed"),
     _Law(_F.SIGNS, "reversed", "reversed"),
-    *(
-        _Law(fault, ra, dec)
-        for fault, law in (
-            (_F.FACTOR_15, "x15.04"),
-            (_F.FACTOR_1_15, "/15.04"),
-            (_F.FACTOR_SIDEREAL, "x1.0027"),
-            (_F.FACTOR_SOLAR, "/1.0027"),
-            (_F.FACTOR_220, "x220"),
-        )
-        for ra, dec in ((law, "right"), ("right", law), (law, law))
-    ),
+    *(_Law(fault, law, "right") for fault, law in _OF_FACTORS),
+    *(_Law(fault, "right", law) for fault, law in _OF_FACTORS),
+    *(_Law(fault, law, law) for fault, law in _OF_FACTORS),
     _Law(_F.FACTOR_15, "x15.04 reversed", "right"),
     _Law(_F.FACTOR_1_15, "/15.04 reversed", "right"),
     _Law(_F.FACTOR_220, "x220 reversed", "right"),
     _Law(_F.COS_MISSING, "1/cos", "right"),
     _Law(_F.COS_TWICE, "cos", "right"),
     _Law(_F.SWAPPED, "right", "right", True),
-)  # type: ignore[arg-type]
+)
 """All faults that have a name, simplest first."""
 
 _WORDS: Mapping[RateFault, str] = {
@@ -593,6 +595,8 @@ class RatesJudgement:
         For people, with the numbers.
     off_sigmas : float
         How many sigmas off the ordered rates.
+    trial : RateCorrection or None
+        Of faults that can't be told apart: one whose correction would tell, and do no harm if it is another.
     """
 
     verdict: Literal["right", "too-early", "fault", "ambiguous", "unexplained"]
@@ -602,6 +606,7 @@ class RatesJudgement:
     fault: RateFault | None = None
     could_be: tuple[RateFault, ...] = ()
     correction: RateCorrection | None = None
+    trial: RateCorrection | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -664,6 +669,10 @@ class _Evidence:
         in_north = math.hypot(east * off, north * (share + off**2))
         return math.hypot(in_east / self.cosine, rounding[0]), math.hypot(in_north, rounding[1])
 
+    def speed(self, rates: OffsetRates) -> float:
+        """On the sky, ″/s."""
+        return math.hypot(rates.ra_arcsec_s * self.cosine, rates.dec_arcsec_s)
+
     def hidden(self) -> tuple[float, float]:
         """Differences of a rate in each coordinate that the errors hide, ″/s."""
         error = self._error(_RIGHT, self.ordered)
@@ -686,8 +695,7 @@ class _Evidence:
         kept, ordered = law.rates(self.ordered, self.dec_deg), self.ordered
         east = (kept.ra_arcsec_s - ordered.ra_arcsec_s) * self.cosine
         north = kept.dec_arcsec_s - ordered.dec_arcsec_s
-        total = math.hypot(ordered.ra_arcsec_s * self.cosine, ordered.dec_arcsec_s)
-        return math.hypot(east, north) > GROSS_SHARE * total
+        return math.hypot(east, north) > GROSS_SHARE * self.speed(ordered)
 
     def reduced(self, laws: Sequence[_Law]) -> list[_Law]:
         """Laws without what they say of coordinates in which it makes no difference; each once."""
@@ -823,22 +831,46 @@ def _named(
     if len(laws) > 1:
         could_be = tuple(dict.fromkeys(law.fault for law in laws if law.fault is not None))
         said = " or ".join(dict.fromkeys(_said(law.fault, law.ra, law.dec) for law in laws if law.fault))
-        return RatesJudgement(
-            "ambiguous", seen, f"{words}: {said}; can't be told apart yet", off, None, could_be
-        )
+        trial = None if seen is None else _trial(evidence, laws, side)
+        words = f"{words}: {said}; can't be told apart yet"
+        return RatesJudgement("ambiguous", seen, words, off, None, could_be, None, trial)
     law = laws[0]
-    assert law.fault is not None
     fault = law.fault
+    assert fault is not None
     if fault is _F.IGNORED and kept_before:
         fault = {"slew": _F.FORGOTTEN, "flip": _F.LOST_AT_FLIP, "begin": _F.IGNORED}[since]
-    correction = None
-    if fault not in _NO_CURE and seen is not None:
-        correction = RateCorrection(
-            fault, law.ra, law.dec, law.swapped, side if fault in _SIDED else PierSide.UNKNOWN
-        )
+    correction = None if seen is None else _correction(law, side)
     return RatesJudgement(
         "fault", seen, f"{words}: {_said(fault, law.ra, law.dec)}", off, fault, (fault,), correction
     )
+
+
+def _correction(law: _Law, side: PierSide) -> RateCorrection | None:
+    """What makes a fault good; None of one that no order would."""
+    if law.fault is None or law.fault in _NO_CURE:
+        return None
+    sided = side if law.fault in _SIDED else PierSide.UNKNOWN
+    return RateCorrection(law.fault, law.ra, law.dec, law.swapped, sided)
+
+
+def _trial(evidence: _Evidence, laws: Sequence[_Law], side: PierSide) -> RateCorrection | None:
+    """A correction that tells which of some faults it is, and under none leads faster than was ordered."""
+    wanted, dec_deg = evidence.ordered, evidence.dec_deg
+    hidden, speed = evidence.hidden(), evidence.speed(wanted)
+    for law in laws:
+        correction = _correction(law, side)
+        if correction is None:
+            continue
+        sent = correction.sent(wanted, dec_deg)
+        others = [other.rates(sent, dec_deg) for other in laws if other is not law]
+        tells = all(
+            abs(kept.ra_arcsec_s - wanted.ra_arcsec_s) > 2.0 * hidden[0]
+            or abs(kept.dec_arcsec_s - wanted.dec_arcsec_s) > 2.0 * hidden[1]
+            for kept in others
+        )
+        if tells and all(evidence.speed(kept) <= HARMLESS * speed for kept in others):
+            return correction
+    return None
 
 
 def _measured_words(evidence: _Evidence) -> str:

@@ -11,6 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from mountnav.settings.centering import CenteringSettings
+from mountnav.settings.following import FollowingSettings
 from mountnav.settings.limits import LimitSettings
 from mountnav.settings.model import ModelSettings
 from mountnav.settings.night import NightSettings
@@ -197,6 +198,7 @@ class TelescopeSettings(Section):
     calibration: Path | None = None
     centering: CenteringSettings = CenteringSettings()
     limits: LimitSettings = LimitSettings()
+    following: FollowingSettings = FollowingSettings()
     sync: SyncSettings = SyncSettings()
     model: ModelSettings = ModelSettings()
     night: NightSettings = NightSettings()

@@ -187,6 +187,11 @@ class MechanicsMotors(MechanicsTruth):
         change((fault,))
         return lambda: change(())
 
+    @property
+    def fails_rates(self) -> bool:
+        """Whether a fault of rates is in force."""
+        return bool(self._motion.rate_faults)
+
     def align(self) -> None:
         """Somebody sets both axes by their marks: what it believes of them is right from now on.
 

@@ -218,8 +218,7 @@ def kernels_in_use() -> tuple[Kernel, ...]:
 
 @lru_cache(maxsize=512)
 def _way(target: int, day: int, whole_system: bool = True) -> tuple[Segment, ...] | None:
-    """Segments from the barycenter to a body that cover a day, TDB, from its noon; None: there is no such
-    way.
+    """Segments from the barycenter to a body that cover a day from its noon, TDB; None: no way.
 
     With `whole_system` the barycenter of a planet's system will do where the planet itself is in no file.
     """

@@ -95,12 +95,13 @@ def in_virtual_time(
     wrap: Callable[[Mount], Mount] = lambda mount: mount,
     rotates: RotatorBehavior | None = None,
     rotator_starts_deg: float = 0.0,
+    made: type[SimulatedMount] = SimulatedMount,
     **given: Any,
 ) -> Result:
     """Open a rig, let `work` have it, close it; hours take moments."""
     clock = VirtualClock(START)
     mechanics = Mechanics(SITE, AIR, errors, machine=machine, clock=clock)
-    mount = SimulatedMount(mechanics, clock, behavior or MountBehavior())
+    mount = made(mechanics, clock, behavior or MountBehavior())
     script = script or SkyScript()
     rotator = None
     if rotates is not None:

@@ -84,6 +84,7 @@ def test_everything_arrives_in_the_core(tmp_path: Path) -> None:
         "second_axis_deg": (-40.0, 220.0),
         "sun_cone_deg": 30.0,
         "sun_cone_from_altitude_deg": -3.0,
+        "solar_filter": False,
         "moon_cone_deg": 4.0,
         "daylight": "refuse",
         "daylight_from_altitude_deg": -8.0,

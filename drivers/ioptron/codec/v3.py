@@ -19,6 +19,7 @@ from drivers.ioptron.codec.values import (
     TrackingRate,
     altitude_limit_from_text,
     clock_from_text,
+    custom_rate_from_text,
     dec_to_text,
     firmware_from_text,
     guide_rates_from_text,
@@ -126,6 +127,7 @@ CLOCK: Command[MountClock] = Command(b":GUT#", "clock", signed_text((18,), clock
 POSITIONS: Command[int] = Command(
     b":QAP#", "number of postures that reach the target", text((1,), lambda words: int(digits(words)))
 )
+CUSTOM_RATE: Command[float] = Command(b":GTR#", "custom rate", text((5,), custom_rate_from_text))
 SLEW: Command[bool] = order(b"MS1", "slew to target", repeatable=False)
 SLEW_COUNTERWEIGHT_UP: Command[bool] = order(b"MS2", "slew to target, counterweight up", repeatable=False)
 
@@ -140,6 +142,23 @@ def set_custom_rate(sidereal: float) -> Command[bool]:
     if not 0.1 <= sidereal <= 1.9:
         raise ValueError(f"a custom rate of {sidereal} sidereal rates is none the mount takes")
     return order(b"RR%05d" % round(sidereal * 10_000), "custom rate")
+
+
+ARROW_SPEEDS = (1.0, 2.0, 8.0, 16.0, 64.0, 128.0, 256.0, 512.0)
+"""Times sidereal, of the numbers 1 to 8 of `:SRn#`; 9 is the greatest that the model has [IOPTRON310]."""
+END_RA: Command[bool] = order(b"qR", "end the motion in right ascension")
+
+
+def set_arrow_speed(number: int) -> Command[bool]:
+    """Order at which speed the arrow keys move, 1..9; raises `ValueError` beyond [IOPTRON310 :SRn]."""
+    if not 1 <= number <= 9:
+        raise ValueError(f"there is no speed {number}")
+    return order(b"SR%d" % number, "speed of the arrow keys")
+
+
+def move_ra(*, up: bool) -> Command[None]:
+    """Order to move on to greater or to smaller right ascension, not answered [IOPTRON310 :mw :me]."""
+    return Command(b":mw#" if up else b":me#", "move in right ascension", nothing, False, False)
 
 
 def set_longitude(longitude_deg: float) -> Command[bool]:

@@ -311,6 +311,19 @@ def guide_rates_from_text(text: bytes) -> tuple[float, float]:
     return int(text[:2]) / 100.0, int(text[2:]) / 100.0
 
 
+def custom_rate_from_text(text: bytes) -> float:
+    """Read the custom rate, in times sidereal [IOPTRON310 :GTR].
+
+    Raises
+    ------
+    Unreadable
+        If it is none that the mount takes: 0.1 to 1.9.
+    """
+    if re.fullmatch(rb"[0-9]{5}", text) is None or not 1_000 <= int(text) <= 19_000:
+        raise Unreadable(f"{text!r} is no custom rate")
+    return int(text) / 10_000.0
+
+
 def meridian_from_text(text: bytes) -> tuple[bool, int]:
     """Read `:GMT#`'s three digits: whether it flips (or stops), and how many degrees past the meridian."""
     if re.fullmatch(rb"[01][0-9]{2}", text) is None:

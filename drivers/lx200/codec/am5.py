@@ -23,10 +23,12 @@ from drivers.lx200.codec import base
 from drivers.lx200.codec.angles import dec_to_text, ra_to_text
 from drivers.lx200.codec.base import Answer, of_text, quiet, text
 from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Pointing, State
+from drivers.lx200.codec.moving import MotionKeys
 from drivers.lx200.codec.site_and_time import Writing, read_clock, read_site
 from drivers.wire.command import Command, Read, Unreadable
 from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import Refusal
+from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
 LONGEST_PULSE_MS = 3000
 """Longer pulses are sent in pieces [ZWO :Mg]."""
@@ -266,6 +268,12 @@ async def _guiding(ask: Ask) -> bool:
     return status is not None and status.guiding
 
 
+async def _no_keys(ask: Ask) -> str:
+    # set up so, `:Me#` turns it in azimuth
+    status = await ask.known(STATUS)
+    return "" if status is None or status.equatorial else "it stands in azimuth and altitude"
+
+
 def _west_positive(longitude_deg: float) -> bytes:
     west_deg = -longitude_deg
     west_deg -= 360.0 * round(west_deg / 360.0)
@@ -279,6 +287,24 @@ def _is_am(handshake: Handshake) -> bool:
     product = handshake.product or ""
     return product[:2] == "AM" and product[2:3].isdigit()
 
+
+KEY_SPEEDS = {3: 2.0, 4: 4.0, 5: 8.0, 6: 20.0, 7: 60.0}
+"""Times sidereal, by the numbers of `:Rn#`. Slower ones are left out, for it matters there whether they come
+on top of tracking, which no source says; the fastest two depend on the limit that was set [INDI lx200am5]."""
+KEYS = MotionKeys(
+    speeds={
+        times * SIDEREAL_DEG_S: (quiet(b":R%d#" % number, f"speed {number}"),)
+        for number, times in KEY_SPEEDS.items()
+    },
+    press={
+        way: quiet(b":M" + way.value.encode() + b"#", f"move {way.name.lower()}", repeatable=False)
+        for way in Direction
+    },
+    let_go={
+        way: quiet(b":Q" + way.value.encode() + b"#", f"end moving {way.name.lower()}") for way in Direction
+    },
+    never=_no_keys,
+)
 
 _WRITING = Writing(zone=b":SG+00:00#", date_answers_bare=True, latitude=dec_to_text, longitude=_west_positive)
 
@@ -304,6 +330,7 @@ AM5 = Dialect(
     pulse=pulse,
     guiding=_guiding,
     longest_pulse_ms=LONGEST_PULSE_MS,
+    keys=KEYS,
     read_clock=read_clock,
     write_clock=_WRITING.clock,
     read_site=read_site,

@@ -15,9 +15,11 @@ from drivers.lx200.codec.angles import dec_to_text, ra_to_text
 from drivers.lx200.codec.base import Answer, of_text, words_but_no_place
 from drivers.lx200.codec.dialect import Ask, Dialect, Lacks, State
 from drivers.lx200.codec.meade import BASIC
+from drivers.lx200.codec.moving import OffsetWords
 from drivers.lx200.codec.site_and_time import Writing, read_clock, read_site
 from drivers.wire.command import Command, Unreadable
-from mountnav.devices import Direction, PierSide, TrackingRate
+from mountnav.devices import Direction, OffsetRates, PierSide, TrackingRate
+from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
 LONGEST_PULSE_MS = 999
 """A pulse has three digits [AP protocol :Mn]."""
@@ -82,6 +84,31 @@ def _pulse(direction: Direction, duration_ms: int) -> Command[None]:
     return base.quiet(sent, f"guide {direction.name.lower()} {duration_ms} ms", repeatable=False)
 
 
+_SIDEREAL_ARCSEC_S = SIDEREAL_DEG_S * 3600.0
+"""What `:RR+1.0000#` adds to the tracking rate, ″/s: one sidereal rate [AP protocol :RR]."""
+_MOST_OFFSET = 9.9999
+"""Times sidereal: one digit before the point, as the document's examples have it; doubled, a second digit may
+be cut off."""
+
+
+def _ra_offset(rates: OffsetRates) -> tuple[Command[bool], ...]:
+    """A rate on top of the sidereal one, positive where the mount tracks faster, to the west [AP :RR]."""
+    times = -rates.ra_arcsec_s / _SIDEREAL_ARCSEC_S
+    if not abs(times) <= _MOST_OFFSET:
+        raise ValueError(f"a rate of {rates.ra_arcsec_s}″/s can't be told")
+    word = f":RR{times:+.4f}#".replace("-0.0000", "+0.0000")
+    return (base.taken(word.encode("ascii"), "offset rate in right ascension"),)
+
+
+OFFSETS = OffsetWords(
+    set=_ra_offset,
+    most_arcsec_s=OffsetRates(_MOST_OFFSET * _SIDEREAL_ARCSEC_S, 0.0),
+    step_arcsec_s=1e-4 * _SIDEREAL_ARCSEC_S,
+    why_one="what a declination rate's sign means on each side of the pier is not certain for this mount",
+)
+"""`:RD` counts clockwise as seen from above, "equivalent to South" by INDI's notes, which send it as north;
+and nothing says what it is after a flip: a wrong sign is worse than no rate [AP protocol :RR :RD]."""
+
 _WRITING = Writing(
     zone=b":SG +00:00:00#",
     latitude=dec_to_text,
@@ -111,6 +138,7 @@ ASTRO_PHYSICS = replace(
     tells_pier_side=True,
     pulse=_pulse,
     longest_pulse_ms=LONGEST_PULSE_MS,
+    offsets=OFFSETS,
     read_clock=read_clock,
     write_clock=_WRITING.clock,
     read_site=read_site,

@@ -13,6 +13,7 @@ from typing import Protocol, TypeVar
 
 from drivers.lx200.codec.angles import WireAngle
 from drivers.lx200.codec.base import Answer
+from drivers.lx200.codec.moving import MotionKeys, OffsetWords
 from drivers.wire.command import Command
 from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.sky.coordinates import Site
@@ -147,6 +148,10 @@ class Dialect:
         Whether a pulse still runs; asked after the time of each one that the mount times.
     nudge : Nudge, optional
         Where there is no `pulse`.
+    offsets : OffsetWords, optional
+        Where it can track at rates of its own.
+    keys : MotionKeys, optional
+        Where its axes can be moved on by hand, at speeds that are known.
     read_clock : callable (Ask) -> awaitable datetime or None, optional
     write_clock : callable (utc) -> tuple of Order, optional
     read_site : callable (Ask) -> awaitable Site or None, optional
@@ -199,6 +204,8 @@ class Dialect:
     read_guide_rate: Callable[[Ask], Awaitable[float | None]] | None = None
     guiding: Callable[[Ask], Awaitable[bool]] | None = None
     nudge: Nudge | None = None
+    offsets: OffsetWords | None = None
+    keys: MotionKeys | None = None
     read_clock: Callable[[Ask], Awaitable[datetime | None]] | None = None
     write_clock: Callable[[datetime], tuple[Order, ...]] | None = None
     read_site: Callable[[Ask], Awaitable[Site | None]] | None = None
@@ -223,6 +230,8 @@ class Dialect:
             Skill.TRACK: self.tracking_on and self.tracking_off,
             Skill.TRACKING_RATES: self.rates,
             Skill.GUIDE: self.pulse is not None or self.nudge is not None,
+            Skill.OFFSET_RATES: self.offsets is not None,
+            Skill.MOVE_AXIS: self.keys is not None,
             Skill.PIER_SIDE: self.tells_pier_side,
             Skill.DESTINATION_SIDE: self.destination_side is not None,
             Skill.CLOCK: self.read_clock is not None,

@@ -28,11 +28,12 @@ from drivers.lx200.codec.angles import (
     ra_to_fine_text,
 )
 from drivers.lx200.codec.base import Answer, coded, nothing, of_text, text, words_but_no_place, yes_or_no
-from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Pointing, State
+from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Order, Pointing, State
 from drivers.lx200.codec.meade import BASIC
+from drivers.lx200.codec.moving import MotionKeys, OffsetWords
 from drivers.lx200.codec.site_and_time import Writing, read_clock, read_site
 from drivers.wire.command import Command, Read, Unreadable
-from mountnav.devices import Direction, PierSide, TrackingRate
+from mountnav.devices import Direction, OffsetRates, PierSide, TrackingRate
 from mountnav.errors import Refusal
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Site
 
@@ -106,6 +107,8 @@ class Status:
         Sidereal where no letter says otherwise.
     error : int
         Of `PROBLEMS`; 0 is none.
+    equatorial : bool
+        German or fork; else it stands in azimuth and altitude, or on two level axes.
     """
 
     tracking: bool
@@ -119,6 +122,7 @@ class Status:
     pier_side: PierSide
     rate: TrackingRate
     error: int
+    equatorial: bool = True
 
 
 def status_from_text(wire: bytes) -> Status:
@@ -159,6 +163,7 @@ def status_from_text(wire: bytes) -> Status:
         pier_side=_PIER[tail[1]],
         rate=next((rate for letter, rate in _RATES.items() if letter in single), TrackingRate.SIDEREAL),
         error=ord(tail[4]) - ord("0"),
+        equatorial=tail[0] in "EK",
     )
 
 
@@ -202,6 +207,7 @@ def status_from_bits(wire: bytes) -> Status:
         pier_side=sides[bits[3] & 0x70],
         rate=rates[bits[1] & 3],
         error=bits[8],
+        equatorial=bits[3] & 0x0F in (1, 2),
     )
 
 
@@ -381,12 +387,97 @@ async def _guide_rate_deg_s(ask: Ask) -> float | None:
     return await ask.known(GUIDE_RATE_DEG_S)
 
 
+SIDEREAL_SECONDS = 1.00273790935
+"""Sidereal seconds in a second of time: its rates are per sidereal second [ONSTEP :SXTR]."""
+_MOST_OFFSET = 1800.0
+"""Arcseconds per sidereal second; greater rates are taken for this one [ONSTEP :SXTR]."""
+_OFFSET_STEP_ARCSEC_S = 1e-6
+"""Step of a rate on this wire as it is written here, ″/s. The firmware keeps what a `float` holds, which is
+finer for any comet. Doubled, a rate is off by 0.004″ in an hour."""
+
+
+def _offset(wire: bytes) -> float:
+    if re.fullmatch(rb"-?\d{1,4}\.\d{1,9}", wire) is None or abs(float(wire)) > _MOST_OFFSET + 0.01:
+        raise Unreadable(f"{wire!r} is no rate beside the sidereal one")
+    return float(wire)
+
+
+RA_OFFSET: Command[float] = Command(b":GXTR#", "offset rate in right ascension", of_text(_offset))
+DEC_OFFSET: Command[float] = Command(b":GXTD#", "offset rate in declination", of_text(_offset))
+
+
+def set_offset(axis: str, rate_arcsec_s: float) -> Command[bool]:
+    """Order a rate of `R` or `D` beside the sidereal one, east and north positive [ONSTEP :SXTR :SXTD].
+
+    That of right ascension counts in its own angle, not on the sky.
+
+    Raises
+    ------
+    ValueError
+        If the firmware would take another one for it.
+    """
+    rate = rate_arcsec_s / SIDEREAL_SECONDS
+    if not abs(rate) <= _MOST_OFFSET:
+        raise ValueError(f"a rate of {rate_arcsec_s}″/s can't be told")
+    word = f":SXT{axis},{rate:.6f}#".replace("-0.000000", "0.000000")
+    return Command(word.encode("ascii"), f"offset rate {axis}", yes_or_no)
+
+
+def _offset_orders(rates: OffsetRates) -> tuple[Order, ...]:
+    return set_offset("R", rates.ra_arcsec_s), set_offset("D", rates.dec_arcsec_s)
+
+
+async def _read_offsets(ask: Ask) -> OffsetRates | None:
+    ra, dec = await ask.known(RA_OFFSET), await ask.known(DEC_OFFSET)
+    if ra is None or dec is None:
+        return None
+    return OffsetRates(ra * SIDEREAL_SECONDS, dec * SIDEREAL_SECONDS)
+
+
+OFFSETS = OffsetWords(
+    set=_offset_orders,
+    most_arcsec_s=OffsetRates(_MOST_OFFSET * SIDEREAL_SECONDS, _MOST_OFFSET * SIDEREAL_SECONDS),
+    step_arcsec_s=_OFFSET_STEP_ARCSEC_S,
+    read=_read_offsets,
+)
+
+KEY_SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 20.0, 48.0)
+"""Times sidereal, of the numbers 0 to 7 of `:Rn#`; 8 and 9 depend on how it is built. On top of tracking,
+which `:RA#` and `:RE#` would replace [ONSTEP :Rn :RA]. A slow mount moves more slowly at 48."""
+
+
+async def _no_keys(ask: Ask) -> str:
+    # there `:Me#` turns it in azimuth
+    status = await ask.known(STATUS)
+    return "it stands in azimuth and altitude" if status is not None and not status.equatorial else ""
+
+
+KEYS = MotionKeys(
+    speeds={
+        speed * SIDEREAL_DEG_S: (base.quiet(b":R%d#" % number, f"speed {number}"),)
+        for number, speed in enumerate(KEY_SPEEDS)
+    },
+    press={
+        way: base.quiet(b":M" + way.value.encode() + b"#", f"move {way.name.lower()}", repeatable=False)
+        for way in Direction
+    },
+    let_go={
+        way: base.quiet(b":Q" + way.value.encode() + b"#", f"end moving {way.name.lower()}")
+        for way in (Direction.EAST, Direction.NORTH)
+    },
+    never=_no_keys,
+)
+
+
 def _without(dialect: Dialect, lacks: Lacks) -> Dialect:
     """What reads coarsely is written coarsely; what has no status has no side and no park."""
     if lacks(GET_FINE_RA, GET_FINE_DEC):
         dialect = replace(dialect, set_ra=base.set_ra, set_dec=base.set_dec, step_arcsec=BASIC.step_arcsec)
     if lacks(STATUS):
         dialect = replace(dialect, tells_pier_side=False, parks_unread=True)
+    if lacks(RA_OFFSET, DEC_OFFSET):
+        # OnStep 4, and firmware that was sold before these words came
+        dialect = replace(dialect, offsets=None)
     return dialect
 
 
@@ -438,6 +529,8 @@ ONSTEP = Dialect(
     guiding=_guiding,
     read_guide_rate=_guide_rate_deg_s,
     longest_pulse_ms=LONGEST_PULSE_MS,
+    offsets=OFFSETS,
+    keys=KEYS,
     read_clock=read_clock,
     write_clock=_WRITING.clock,
     read_site=_read_site,

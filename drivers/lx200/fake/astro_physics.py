@@ -20,13 +20,15 @@ if TYPE_CHECKING:
 
 _VERSION = b"VCP4-P02-12"
 _PULSE = re.compile(r"M([nsew])(\d{3})")
+_OFFSET = re.compile(r"R([RD])([+-]?\d{1,3}\.\d{4})")
+"""A rate on top of tracking, in times sidereal [AP protocol :RR :RD]."""
 _RATE = {"0": TrackingRate.LUNAR, "1": TrackingRate.SOLAR, "2": TrackingRate.SIDEREAL}
 _CENTER_RATES = {"0": 12.0, "1": 64.0, "2": 200.0, "3": 600.0, "4": 1200.0, "5": 0.25, "6": 0.5, "7": 1.0}
 """What the numbers of `:RCn#` mean to the fake, in times sidereal."""
 _GUIDE_RATES = {"0": 0.25, "1": 0.5, "2": 1.0}
 """What the numbers of `:RGn#` mean to the fake, in times sidereal."""
-# what has no answer and does nothing here: pier swap, buttons, slew rates, error correction, custom rates
-_QUIET = re.compile(r"p[PR]?|NS|EW|FLIP|R[RD].*")
+# what has no answer and does nothing here: pier swap, buttons, slew rates, error correction
+_QUIET = re.compile(r"p[PR]?|NS|EW|FLIP")
 
 
 class _Controller:
@@ -59,6 +61,9 @@ class _Controller:
             return refused or MATCHED
         if text[:1] == "R" and len(text) in (2, 3):
             return self._rate(text[1:])
+        offset = _OFFSET.fullmatch(text)
+        if offset is not None:
+            return self._beside(offset[1], float(offset[2]))
         return self._status(text) or self._moving(text)
 
     def _place(self, text: str) -> bytes:
@@ -102,6 +107,14 @@ class _Controller:
         if kind in "GC":
             self._hand = kind
         return b""
+
+    def _beside(self, axis: str, times: float) -> bytes:
+        """Take a rate on top of tracking: faster, to the west; in declination to the south."""
+        ra, dec = self._fake.mechanics.beside_arcsec_s
+        rate_arcsec_s = -times * SIDEREAL_DEG_S * 3600.0
+        rates = (rate_arcsec_s, dec) if axis == "R" else (ra, rate_arcsec_s)
+        self._fake.mechanics.track_beside(*rates)
+        return b"1"
 
     def _status(self, text: str) -> bytes | None:
         mechanics = self._fake.mechanics

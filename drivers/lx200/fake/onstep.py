@@ -9,19 +9,20 @@ Orders return the code of what forbids them, as `:GE#` reports it; 0 is nothing.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from typing import cast
 
 from drivers.lx200.codec.angles import dec_from_text, degrees_to_fine_text, ra_from_text, ra_to_fine_text
-from drivers.lx200.codec.onstep import Status
+from drivers.lx200.codec.onstep import SIDEREAL_SECONDS, Status
 from drivers.lx200.fake.dialect import FakeDialect
 from drivers.lx200.fake.site_and_time import Settings
 from drivers.wire.command import Unreadable
 from mountnav.clock import utc_now
 from mountnav.devices import PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.simulation.mechanics import Direction, Mechanics
+from mountnav.simulation.mechanics import RATES_DEG_S, Direction, Mechanics
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent
 
 STANDING: dict[str, bytes] = {
@@ -133,6 +134,9 @@ def bits(status: Status, mounting: str, move_rate: int) -> bytes:
     return bytes(0x80 | int(number) for number in numbers) + b"#"
 
 
+_MOST_OFFSET = 1800.0
+"""Of rates beside the tracking rate, arcseconds per sidereal second: greater ones are taken for this one
+[ONSTEP :SXTR]."""
 LOWEST_DEG = -10.0
 """Its horizon limit where the machine has none [ONSTEP LIMIT_ALTITUDE_MIN]."""
 OK, IS_PARKED, PARK_FAILED, NOT_PARKED = 0, 9, 10, 11
@@ -165,6 +169,9 @@ class OnStepMotion:
         self.target_ra_deg = self.target_dec_deg = 0.0
         self.going = self.moved = self._tracked = False
         self._first_goto = True
+        self.rate = TrackingRate.SIDEREAL
+        self._base_deg_s = SIDEREAL_DEG_S
+        self._offsets = {"R": 0.0, "D": 0.0}
 
     # -- state -----------------------------------------------------------------------------------
 
@@ -173,6 +180,10 @@ class OnStepMotion:
         if (self.going or self.moved) and not self._mechanics.slewing():
             if self.going and self._mechanics.at_home:
                 self._first_goto = True
+                # at home it begins anew [ONSTEP Home::reset]
+                self.follow(TrackingRate.SIDEREAL)
+                self._offsets = {"R": 0.0, "D": 0.0}
+                self._retrack()
             self.going = self.moved = False
 
     def status(self) -> Status:
@@ -194,7 +205,7 @@ class OnStepMotion:
             homing=mechanics.homing and self.going,
             guiding=mechanics.guiding(),
             pier_side=side,
-            rate=mechanics.rate,
+            rate=self.rate,
             error=self._error(),
         )
 
@@ -208,6 +219,31 @@ class OnStepMotion:
     def _lowest_deg(self) -> float:
         lowest_deg = self._mechanics.machine.lowest_altitude_deg
         return LOWEST_DEG if lowest_deg is None else lowest_deg
+
+    # -- rates -----------------------------------------------------------------------------------
+
+    def follow(self, rate: TrackingRate, base_deg_s: float | None = None) -> None:
+        """Track at a rate of its own; what is beside that stays."""
+        self.rate, self._base_deg_s = rate, base_deg_s or RATES_DEG_S[rate]
+        self._retrack()
+
+    def offset(self, axis: str, rate: float) -> None:
+        """Track so fast beside that: ″ per sidereal second, at most 1800 [ONSTEP :SXTR :SXTD]."""
+        self._offsets[axis] = max(-_MOST_OFFSET, min(_MOST_OFFSET, rate))
+        self._retrack()
+
+    def offset_read_back(self, axis: str) -> float:
+        """What it says of that."""
+        # a fault may have dropped them
+        return 0.0 if self._mechanics.beside_arcsec_s == (0.0, 0.0) else self._offsets[axis]
+
+    def _retrack(self) -> None:
+        mechanics = self._mechanics
+        ra, dec = (self._offsets[axis] * SIDEREAL_SECONDS / 3600.0 for axis in ("R", "D"))
+        if ra == dec == 0.0 and self._base_deg_s == RATES_DEG_S.get(self.rate):
+            mechanics.rate = self.rate
+        else:
+            mechanics.track_at(self._base_deg_s - ra, dec)
 
     # -- goto, flip, sync ------------------------------------------------------------------------
 
@@ -442,14 +478,29 @@ class OnStepSpeaker:
         if re.fullmatch(r"Q[nsew]", text):
             self.mechanics.stop_move(cast("Direction", text[1]))
             return b""
+        offset = re.fullmatch(r"SXT([RD]),(.*)", text)
+        if offset is not None:
+            return self._set_offset(offset[1], offset[2])
+        offset = re.fullmatch(r"GXT([RD])", text)
+        if offset is not None:
+            return b"%.8f#" % self.motion.offset_read_back(offset[1])
         rate = re.fullmatch(r"R([GCMFS0-9])", text)
         if rate is not None:
             self._move_rate = _RATE_NAMES[rate[1]] if rate[1] in _RATE_NAMES else int(rate[1])
             return b""
         if re.fullmatch(r"T[QLSK]", text):
-            self.mechanics.rate = _RATE_LETTERS[text[1]]
+            self.motion.follow(_RATE_LETTERS[text[1]])
             return b""
         return None
+
+    def _set_offset(self, axis: str, text: str) -> bytes:
+        """Take a number as `strtod` does: what is none counts as 0 [ONSTEP :SXTR]."""
+        try:
+            rate = float(text)
+        except ValueError:
+            rate = 0.0
+        self.motion.offset(axis, rate if math.isfinite(rate) else 0.0)
+        return b"1"
 
     # -- answers ---------------------------------------------------------------------------------
 
@@ -482,7 +533,7 @@ class OnStepSpeaker:
     def _rate_text(self) -> bytes:
         if not self.mechanics.tracking:
             return b"0#"
-        return b"%.5f#" % HZ.get(self.mechanics.rate, HZ[TrackingRate.SIDEREAL])
+        return b"%.5f#" % HZ.get(self.motion.rate, HZ[TrackingRate.SIDEREAL])
 
     def _move_deg_s(self) -> float:
         if self._move_rate < len(_MOVE_RATES):
@@ -510,7 +561,7 @@ class OnStepSpeaker:
     def _track_at(self, hz: float) -> None:
         if not 30.0 <= hz < 90.0:
             raise ValueError(f"{hz} Hz can't be tracked at")
-        self.mechanics.track_at(SIDEREAL_DEG_S * hz / HZ[TrackingRate.SIDEREAL])
+        self.motion.follow(TrackingRate.CUSTOM, SIDEREAL_DEG_S * hz / HZ[TrackingRate.SIDEREAL])
 
 
 ONSTEP_FAKE = FakeDialect(

@@ -457,14 +457,14 @@ class _Track:
             yield self._event(kind, self._instant(index, lambda track: track.directions().altitude_deg))
         # half turns of the hour angle: even ones are the meridian, odd ones the lower one
         halves = np.floor(self._places[:, 0] / 180.0)
-        for index in np.flatnonzero(np.diff(halves) != 0.0):
+        for index in map(int, np.flatnonzero(np.diff(halves) != 0.0)):
             crossed = max(halves[index], halves[index + 1])
             kind = SkyEventKind.MERIDIAN if crossed % 2 == 0 else SkyEventKind.LOWER_MERIDIAN
 
             def of_meridian(track: _Track, at: float = float(crossed) * 180.0) -> Floats:
                 return track._places[:, 0] - at
 
-            yield self._event(kind, self._instant(int(index), of_meridian))
+            yield self._event(kind, self._instant(index, of_meridian))
 
     def _instant(self, index: int, value: Callable[[_Track], Floats]) -> float:
         """When a value changes its sign between two looks, by halving."""

@@ -34,9 +34,9 @@ QUICK = Timing(
 MACHINE = Machine(mounting="german", slew_rate_deg_s=60.0, acceleration_deg_s2=200.0, lowest_altitude_deg=0.0)
 
 
-def german(dialect: str, *, faults: Sequence[Fault] = (), **machine: Any) -> FakeLx200:
+def german(dialect: str, *, faults: Sequence[Fault] = (), site: Site = SITE, **machine: Any) -> FakeLx200:
     """A fake over a German mount; fields of its `Machine` may be given."""
-    mechanics = Mechanics(SITE, Air(), PointingErrors(), machine=replace(MACHINE, **machine))
+    mechanics = Mechanics(site, Air(), PointingErrors(), machine=replace(MACHINE, **machine))
     return make_fake(dialect, mechanics, faults=faults)
 
 
