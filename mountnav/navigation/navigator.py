@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime
 
 from mountnav.devices import for_mount, from_mount
 from mountnav.ephemeris import Ephemeris
-from mountnav.errors import DeviceError, DeviceRefused, NotReached, TargetNotReached
+from mountnav.errors import BadRequest, DeviceError, DeviceRefused, NotReached, TargetNotReached
 from mountnav.frames import Frame
 from mountnav.journal.records import EntryKind
 from mountnav.mount import CheckedMount
@@ -21,6 +21,7 @@ from mountnav.navigation.follow import Following, FollowProgress, FollowReport
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.look import at_instant
 from mountnav.navigation.look_retries import PersistentLook, cheap
+from mountnav.navigation.mosaicking import Mosaicking, MosaicReport, MosaicWait, PanelReport
 from mountnav.navigation.mount_orders import MountOrders
 from mountnav.navigation.moving import MovingTarget, Target
 from mountnav.navigation.outside_frames import WITHIN, By, Judged, compare_frame, correct
@@ -41,12 +42,14 @@ from mountnav.navigation.reports import (
     TelescopeState,
 )
 from mountnav.navigation.rotating import FieldAngle, Rotating, Shown, require_angle
+from mountnav.navigation.searching import SearchBounds, SearchReport, field_deg, search
 from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.sync import GuardedSync, SyncTrigger
 from mountnav.pointing.limits import Limits
 from mountnav.pointing.model.in_force import Pointing
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Icrs
+from mountnav.sky.patterns import Panel
 from mountnav.sky.sphere import displaced
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings
@@ -132,6 +135,7 @@ class Navigator(MountOrders):
         self._equipment = equipment
         self._slewing = Slewing(equipment)
         self._field: FieldAngle | None = None
+        self._mosaicking: Mosaicking | None = None
         self._following: Following | None = None
 
     # -- what is known -------------------------------------------------------------------------------
@@ -481,6 +485,96 @@ class Navigator(MountOrders):
                 return found.solution.rotation_deg, found
 
             return await Rotating(self._equipment, self.rotator).bring(angle, await look(), look)
+
+    async def mosaic(
+        self,
+        panels: Sequence[Panel],
+        *,
+        wait: MosaicWait,
+        from_panel: int = 1,
+        turned: bool = False,
+        angle_tolerance_deg: float | None = None,
+        tolerance_arcsec: float | None = None,
+        at: AimPoint | str | None = None,
+        heard: Callable[[PanelReport], None] | None = None,
+    ) -> MosaicReport:
+        """Go through the panels of a mosaic, or of a pattern; each is centered, and left to the camera.
+
+        Parameters
+        ----------
+        panels : sequence of Panel
+            As `mountnav.sky.patterns` lays them out.
+        wait : MosaicWait
+            What each is left for.
+        from_panel : int
+            Number of the first one: what an earlier order has done needn't be done again.
+        turned : bool
+            Whether each image is to stand at its panel's position angle.
+        heard : callable, optional
+            Told of each panel when it is centered, and when it ends.
+
+        Raises
+        ------
+        OutsideLimits
+            No panel is allowed now; it tells when. Nothing moved.
+        TargetNotReached
+            The camera program said nothing for too long, or some panels in a row couldn't be centered; it
+            tells with which panel to begin again.
+        BadRequest, Cancelled, DeviceError, JournalFailed
+        """
+        point, policy = self.point(at), self.policy
+        if tolerance_arcsec is not None:
+            policy = replace(policy, tolerance_arcsec=tolerance_arcsec)
+
+        async def center(panel: Panel) -> CenterReport:
+            angle = FieldAngle(panel.position_angle_deg, angle_tolerance_deg) if turned else None
+            return await self._centered(panel.place, policy, point, angle, None, None)
+
+        async with self.work("mosaic"):
+            self._field = None
+            run = Mosaicking(self._equipment, panels, wait, center, heard or (lambda report: None))
+            self._mosaicking = run
+            try:
+                return await run.run(from_panel)
+            finally:
+                self._mosaicking = None
+
+    @property
+    def panel_waits(self) -> bool:
+        """Whether a mosaic's panel is centered, and waits for the camera program."""
+        return self._mosaicking is not None and self._mosaicking.waiting
+
+    def next_panel(self) -> int:
+        """Say that the camera is through with a frame of a mosaic's panel; how many are wanted yet of it.
+
+        Raises
+        ------
+        BadRequest
+            No mosaic runs, or its panel isn't centered yet.
+        """
+        if self._mosaicking is None:
+            raise BadRequest("no mosaic is under way", device=self.name)
+        return self._mosaicking.signal()
+
+    @property
+    def field_deg(self) -> tuple[float, float] | None:
+        """Width and height of the look camera's field, by what was learned; None if that isn't enough."""
+        return field_deg(self._equipment, self.policy)
+
+    async def spiral_search(
+        self, target: Target, bounds: SearchBounds, *, exposure_s: float | None = None
+    ) -> SearchReport:
+        """Look round the target, step by step, until a frame is solved; then center it. See `search`."""
+        async with self.work("searching"):
+            self._field = None
+            place = await self._on_arrival(target)
+
+            async def center() -> CenterReport:
+                return await self._centered(target, self.policy, None, None, None, None)
+
+            return await search(
+                self._equipment, self._slewing, self.policy, place, bounds, center, exposure_s
+            )
 
     async def flip(
         self,

@@ -116,7 +116,9 @@ class Rotating:
             image_deg = apart_deg(latest_deg, shown_deg)
             words = rotator.turned(turn.by_deg, image_deg)
             self._say(words)
-            if abs(turn.by_deg) >= SENSE_FROM_DEG and abs(image_deg) < 0.1 * abs(turn.by_deg):
+            # a turn the long way round is one of some degrees to the image
+            turned_deg = abs(apart_deg(turn.by_deg, 0.0))
+            if turned_deg >= SENSE_FROM_DEG and abs(image_deg) < 0.1 * turned_deg:
                 raise TargetNotReached(
                     words,
                     device=rotator.name,

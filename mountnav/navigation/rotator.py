@@ -376,9 +376,10 @@ class CheckedRotator:
         image_deg : float
             By how much the image turned, its position angle; within half a turn.
         """
-        if abs(by_deg) < SENSE_FROM_DEG:
-            return ""
+        # a turn the long way round is one of some degrees to the image; a whole one is none
         turned_deg = abs(apart_deg(by_deg, 0.0))
+        if turned_deg < SENSE_FROM_DEG:
+            return ""
         if abs(image_deg) < 0.1 * turned_deg:
             return (
                 f"it says that it turned by {by_deg:+.1f}°, and the image turned by "
