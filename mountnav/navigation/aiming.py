@@ -10,9 +10,11 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 from mountnav.devices import PierSide
+from mountnav.ephemeris import Ephemeris
 from mountnav.errors import BadRequest, NotReached, TargetNotReached
 from mountnav.navigation.aim_points import (
     AimPoint,
+    Arm,
     FrameSize,
     MountFrame,
     OffsetPoint,
@@ -24,13 +26,14 @@ from mountnav.navigation.aim_points import (
     frame_size_of,
     pixel_in,
 )
+from mountnav.navigation.camera import Mounting
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.reports import Look, PointSeen
 from mountnav.sky.chain import icrs_to_hour_angle
-from mountnav.sky.coordinates import SIDEREAL_DEG_S, Icrs
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Icrs, Site
 from mountnav.sky.sphere import turn_deg
 
-__all__ = ["Aiming", "point_seen"]
+__all__ = ["Aiming", "AxisEphemeris", "point_seen"]
 
 
 def point_seen(point: AimPoint, found: Look) -> PointSeen:
@@ -58,6 +61,52 @@ def _place(point: AimPoint, found: Look) -> Icrs:
 def _size_of(found: Look) -> FrameSize:
     told = None if found.camera is None else frame_size_of(str(found.camera))
     return FrameSize(found.width_px, found.height_px, 0 if told is None else told.binning)
+
+
+@dataclass(frozen=True, slots=True)
+class AxisEphemeris:
+    """Where the frame's middle must look for a point to follow a target that moves.
+
+    Attributes
+    ----------
+    target : Ephemeris
+    arm : Arm
+        To the point, as it was learned.
+    camera_deg : float
+        Angle of the image's +y from the mount's north, on the side of the pier that it is followed on.
+    """
+
+    target: Ephemeris
+    arm: Arm
+    camera_deg: float
+    mounting: Mounting | None
+
+    @property
+    def name(self) -> str:
+        """The target's."""
+        return self.target.name
+
+    @property
+    def begins_utc(self) -> datetime | None:
+        """From when on it can be asked."""
+        return self.target.begins_utc
+
+    @property
+    def ends_utc(self) -> datetime | None:
+        """Until when."""
+        return self.target.ends_utc
+
+    def icrs(self, utc: datetime, site: Site) -> Icrs:
+        """Where the middle must look. Raises `BadRequest` outside of its span, and by the mount's pole."""
+        frame = MountFrame(self.mounting, utc, site)
+        axis = axis_for(self.target.icrs(utc, site), self.arm, self.camera_deg, frame)
+        if isinstance(axis, Unreachable):
+            raise BadRequest(f"{self.name}: the point can't be brought so near to the mount's pole")
+        return axis
+
+    def sigma_arcsec(self, utc: datetime) -> float:
+        """Of the target's place."""
+        return self.target.sigma_arcsec(utc)
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +257,28 @@ class Aiming:
             daylight="allow",
         )
         sun_alone.check(target, equipment.clock.utc(), equipment.site, equipment.air)
+
+    def path(self, target: Ephemeris, side: PierSide) -> Ephemeris:
+        """Where the middle must look along a target's path, by what solves have taught.
+
+        Raises
+        ------
+        BadRequest
+            It isn't known yet where the point looks.
+        OutsideLimits
+        """
+        if self.point is None:
+            return target
+        now = self.equipment.clock.utc()
+        self.require_known(target.icrs(now, self.equipment.site), side)
+        learned = self.equipment.guard.learned
+        arm, camera_deg = (
+            arm_by_camera(self.point, learned.normal, self._frame_size()),
+            learned.angle_on(side),
+        )
+        assert arm is not None
+        assert camera_deg is not None
+        return AxisEphemeris(target, arm, camera_deg, learned.rules.mounting)
 
     def require_known(self, target: Icrs, side: PierSide) -> Icrs:
         """As `axis_before`, for an order that doesn't look.

@@ -634,6 +634,7 @@ class Navigator(MountOrders):
         look_every_s: float | None = None,
         heard: Callable[[FollowProgress], None] | None = None,
         key: str | None = None,
+        at: AimPoint | str | None = None,
     ) -> FollowReport:
         """Center a target that moves, and track it until an end: by rates, guide pulses or small slews.
 
@@ -651,6 +652,8 @@ class Navigator(MountOrders):
             Told how it goes, after each look.
         key : str, optional
             Its name, for the policy of syncs.
+        at : AimPoint or str, optional
+            To which point it is brought, and kept at, by what solves have taught of the camera.
 
         Returns
         -------
@@ -674,7 +677,12 @@ class Navigator(MountOrders):
             tolerance_arcsec=self.policy.tolerance_arcsec if tolerance_arcsec is None else tolerance_arcsec,
             exposure_s=self.policy.exposure_s if exposure_s is None else exposure_s,
         )
+        aiming = Aiming(self._equipment, self.point(at))
         async with self.work("following"):
+            self._field = None
+            if aiming.point is not None:
+                side = await self._slewing.side_at(target.icrs(self._equipment.clock.utc(), self.mount.site))
+                target = aiming.path(target, side)
             run = Following(
                 self._equipment,
                 self._slewing,

@@ -387,6 +387,11 @@ class CheckedRotator:
                 "camera sit on it, is a clutch open?"
             )
         shown = 1 if abs(apart_deg(image_deg, by_deg)) < abs(apart_deg(image_deg, -by_deg)) else -1
+        if abs(apart_deg(2.0 * by_deg, 0.0)) < 2.0 * SENSE_FROM_DEG:
+            # half a turn looks alike in both senses
+            if self.sense is None:
+                return ""
+            shown = self.sense
         words = ""
         if self.rules.sense is not None and self.rules.sense != shown and self.sense != shown:
             words = (

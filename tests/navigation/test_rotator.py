@@ -253,6 +253,17 @@ def test_the_sense_is_seen_and_a_stated_one_that_is_wrong_is_named() -> None:
     with_rotator(stated, RotatorRules(sense=1))
 
 
+def test_half_a_turn_teaches_no_sense() -> None:
+    async def work(rig: Rig) -> None:
+        assert rig.held.turned(180.2, -179.9) == ""
+        assert rig.held.sense is None
+        rig.held.turned(20.0, 20.0)
+        assert rig.held.turned(-179.9, 180.0) == ""
+        assert rig.held.sense == 1
+
+    with_rotator(work)
+
+
 def test_small_turns_teach_nothing() -> None:
     async def work(rig: Rig) -> None:
         assert rig.held.turned(1.0, -1.0) == ""
