@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from drivers.fakes.faults import Fault
     from drivers.fakes.wire_fake import WireFake
     from drivers.wire.exchange import Exchange
-    from mountnav.devices import Camera, Mount
+    from mountnav.devices import Camera, Mount, Rotator
     from mountnav.simulation.machine import Machine
     from mountnav.simulation.mechanics import Mechanics
     from mountnav.sky.coordinates import Site
@@ -225,6 +225,8 @@ class Family:
         Makes the mount; nothing is opened yet. Raises `BadSettings` for an option that makes no sense.
     open_camera : callable (MountUrl, name) -> Camera, optional
         Likewise, where the protocol has cameras.
+    open_rotator : callable (MountUrl, name) -> Rotator, optional
+        Likewise, where the protocol has rotators.
     read_url : callable (UrlParts, Family) -> MountUrl
         How its URLs are read.
     usual_port : int
@@ -244,6 +246,7 @@ class Family:
     name: str
     open_mount: Callable[[MountUrl, str | None, Site | None], Mount]
     open_camera: Callable[[MountUrl, str | None], Camera] | None = None
+    open_rotator: Callable[[MountUrl, str | None], Rotator] | None = None
     read_url: Callable[[UrlParts, Family], MountUrl] = read_line_url
     usual_port: int = 4030
     takes_datagrams: bool = False

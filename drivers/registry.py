@@ -15,7 +15,7 @@ from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
 from drivers.family import Fakes, Family, MountUrl, UrlParts
 from mountnav.clock import utc_now
-from mountnav.devices import Camera, Mount
+from mountnav.devices import Camera, Mount, Rotator
 from mountnav.errors import BadRequest, BadSettings
 from mountnav.parsing import repeated
 from mountnav.sky.coordinates import Site
@@ -38,6 +38,7 @@ __all__ = [
     "make_fake",
     "open_camera",
     "open_mount",
+    "open_rotator",
     "read_url",
 ]
 
@@ -232,6 +233,29 @@ def open_camera(url: str, *, name: str | None = None) -> Camera:
     if make is None:
         known = sorted(one.name for one in families() if one.open_camera is not None)
         raise BadSettings(f"{parts.driver} has no cameras", advice=f"known: {', '.join(known)}")
+    return make(parts, name)
+
+
+def open_rotator(url: str, *, name: str | None = None) -> Rotator:
+    """Make a rotator from its URL; it is not connected before its `open`.
+
+    Parameters
+    ----------
+    url : str
+        ``indi://host:port/device`` or ``alpaca+http://host:port/rotator/0``.
+    name : str, optional
+        For messages; the address by default.
+
+    Raises
+    ------
+    BadSettings
+        If the URL or an option makes no sense.
+    """
+    parts = read_url(url)
+    make = family(parts.driver).open_rotator
+    if make is None:
+        known = sorted(one.name for one in families() if one.open_rotator is not None)
+        raise BadSettings(f"{parts.driver} has no rotators", advice=f"known: {', '.join(known)}")
     return make(parts, name)
 
 

@@ -433,8 +433,16 @@ class Rotator(Protocol):
         """At which angle it stands."""
         ...
 
-    async def turn(self, mechanical_deg: float) -> RotatorReading:
-        """Turn to an angle of its mechanism; return when it rests there. `DeviceRefused` when it says no."""
+    async def turn(
+        self, mechanical_deg: float, *, seen: Callable[[RotatorReading], None] | None = None
+    ) -> RotatorReading:
+        """Turn to an angle of its mechanism; return when it rests there. `DeviceRefused` when it says no.
+
+        Parameters
+        ----------
+        seen : callable, optional
+            Told of each reading on the way; what it raises stops the rotator, and is passed on.
+        """
         ...
 
     async def stop(self) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from api.solver.solve_settings import solve_settings
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock
-from mountnav.devices import Camera, Mount
+from mountnav.devices import Camera, Mount, Rotator
 from mountnav.journal.records import Journal
 from mountnav.mount import Deadman
 from mountnav.navigation.equipment import Listener, Solve, equip
@@ -33,6 +33,7 @@ def make_navigator(
     journal: Journal,
     clock: Clock | None = None,
     dead_man: Deadman | None = None,
+    rotator: Rotator | None = None,
 ) -> Navigator:
     """Put a telescope's navigator together.
 
@@ -44,6 +45,8 @@ def make_navigator(
         The driver; from now on only the navigator may use it.
     dead_man : Deadman, optional
         Who ends what goes on by itself at the mount when the service is dead.
+    rotator : Rotator, optional
+        The driver of what turns the camera; from now on only the navigator may use it.
 
     Raises
     ------
@@ -78,6 +81,9 @@ def make_navigator(
             mounting=mounting,
             following=one.following.policy,
             dead_man=dead_man,
+            points=tuple(point.point for point in one.point),
+            rotator=rotator,
+            rotator_rules=None if one.rotator is None else one.rotator.rules,
         )
     )
 

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from pathlib import Path
 
 from api.observatory.dead_man import MountGuard
@@ -18,10 +19,11 @@ from api.observatory.restart import Restart
 from api.replay.recording_header import recording_header
 from drivers.fakes.bench import FakeOnPty
 from drivers.folder.camera import FolderCamera
-from drivers.registry import fake_dialects, open_camera, open_mount
+from drivers.registry import fake_dialects, open_camera, open_mount, open_rotator
 from mountnav.catalog.catalog_set import CatalogSet, DrawnSky
 from mountnav.catalog.stars import Catalog
-from mountnav.devices import Camera, Mount
+from mountnav.clock import SystemClock
+from mountnav.devices import Camera, Mount, Rotator
 from mountnav.errors import (
     BadSettings,
     DeviceError,
@@ -38,6 +40,7 @@ from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import TelescopeState
 from mountnav.night.daylight import night_name
 from mountnav.night.recording import NightRecording, RecordedJournal
+from mountnav.settings.aiming import SIMULATED_ROTATOR
 from mountnav.settings.explained import line_of
 from mountnav.settings.observatory import Settings
 from mountnav.settings.telescope import (
@@ -48,6 +51,7 @@ from mountnav.settings.telescope import (
     TelescopeSettings,
 )
 from mountnav.simulation.mechanics import Mechanics
+from mountnav.simulation.rotator_mechanics import RotatorMechanics
 
 _log = logging.getLogger(__name__)
 
@@ -181,7 +185,8 @@ class Telescope:
             await asyncio.to_thread(self.bench.stop)
 
     async def _take_up(self) -> None:
-        await self.restart.at_first_link(self.navigator.mount, self.navigator.guard, self.navigator.rates)
+        navigator = self.navigator
+        await self.restart.at_first_link(navigator.mount, navigator.guard, navigator.rates, navigator.rotator)
 
     async def _release(self) -> None:
         try:
@@ -311,11 +316,13 @@ def _build(
         )
         journal = RecordedJournal(journal, recording.keep)
     seen = LastFrame(solve)
+    rotator, turns = _rotator(one)
     navigator = make_navigator(
         one,
         settings,
         mount=mount,
-        camera=_camera(one, mechanics, catalog, seed=settings.demo.seed if settings.demo else None),
+        camera=_camera(one, mechanics, catalog, turns, seed=settings.demo.seed if settings.demo else None),
+        rotator=rotator,
         catalog=catalog,
         solve=seen,
         listen=listen,
@@ -359,6 +366,9 @@ def require_devices(settings: Settings, file: Path | None = None) -> None:
                     open_camera(camera.device_url, name=one.id)
                 case IndiCameraSettings(url=url):
                     open_camera(url, name=one.id)
+        if one.rotator is not None and one.rotator.url != SIMULATED_ROTATOR:
+            with _told_of(file, number, one, "rotator", "url"):
+                open_rotator(one.rotator.url, name=one.id)
 
 
 def mount_of(one: TelescopeSettings, settings: Settings, *, asked_only: bool = False) -> Mount:
@@ -427,8 +437,27 @@ def _yes_or_no(value: bool | None) -> str | None:
     return None if value is None else "yes" if value else "no"
 
 
+def _rotator(one: TelescopeSettings) -> tuple[Rotator | None, RotatorMechanics | None]:
+    """What turns the camera; and how, if it is a simulated one."""
+    if one.rotator is None:
+        return None, None
+    name = f"{one.id} rotator"
+    if one.rotator.url != SIMULATED_ROTATOR:
+        return open_rotator(one.rotator.url, name=name), None
+    from drivers.simulated.rotator import simulated_rotator
+
+    clock = SystemClock()
+    turns = RotatorMechanics(clock, starts_deg=one.rotator.rules.least_deg + 10.0)
+    return simulated_rotator(turns, clock, name=name), turns
+
+
 def _camera(
-    one: TelescopeSettings, mechanics: Mechanics | None, catalog: Catalog, *, seed: int | None = None
+    one: TelescopeSettings,
+    mechanics: Mechanics | None,
+    catalog: Catalog,
+    turns: RotatorMechanics | None = None,
+    *,
+    seed: int | None = None,
 ) -> Camera:
     match one.camera:
         case FolderCameraSettings(path=path, pattern=pattern, timeout_s=timeout_s):
@@ -449,5 +478,12 @@ def _camera(
                 DrawnSky(catalog) if isinstance(catalog, CatalogSet) else catalog,
                 seed=seed or 0,
                 name=f"{one.id} simulated camera",
-                tube_angle_deg=mechanics.tube_angle_deg,
+                tube_angle_deg=_stands(mechanics, turns),
             )
+
+
+def _stands(mechanics: Mechanics, turns: RotatorMechanics | None) -> Callable[[datetime], float]:
+    """How the camera stands on the sky, besides how it is built in."""
+    if turns is None:
+        return mechanics.tube_angle_deg
+    return lambda utc: mechanics.tube_angle_deg(utc) + turns.camera_deg(utc)

@@ -17,6 +17,7 @@ from mountnav.mount import CheckedMount, LeftGoing, SelfActing, left_going
 from mountnav.mount.pier_side import SIDE_PROVEN
 from mountnav.mount.trust import ACCEPTED, ADVICE, LastSeen, seen_of
 from mountnav.navigation.rates_kept import RATES_KEPT, RatesKept
+from mountnav.navigation.rotator import CheckedRotator
 from mountnav.navigation.sync import GuardedSync
 from mountnav.tasks import fault_words
 
@@ -69,7 +70,13 @@ class Restart:
         self._done = False
         self._recalled = False
 
-    async def at_first_link(self, mount: CheckedMount, guard: GuardedSync, rates: RatesKept) -> None:
+    async def at_first_link(
+        self,
+        mount: CheckedMount,
+        guard: GuardedSync,
+        rates: RatesKept,
+        rotator: CheckedRotator | None = None,
+    ) -> None:
         """Close what was in flight by what the mount reads; recall what was learned of camera and rates.
 
         Raises
@@ -80,16 +87,23 @@ class Restart:
             Also for a fault of ours: to be called again.
         """
         try:
-            await self._take_up(mount, guard, rates)
+            await self._take_up(mount, guard, rates, rotator)
         except (DeviceError, JournalFailed):
             raise
         except Exception as fault:
             raise self._faulted(mount, fault) from fault
         self.fault = None
 
-    async def _take_up(self, mount: CheckedMount, guard: GuardedSync, rates: RatesKept) -> None:
+    async def _take_up(
+        self,
+        mount: CheckedMount,
+        guard: GuardedSync,
+        rates: RatesKept,
+        rotator: CheckedRotator | None,
+    ) -> None:
         if not self._recalled:
             await self._recall(mount, guard, rates)
+            await self._recall_rotator(rotator)
             await self._note_model(guard.pointing.model_id)
             self._recalled = True
         if not self._done:
@@ -178,6 +192,10 @@ class Restart:
             )
             facts = {"model_id": model_id, "before": before}
             await self._journal.note(Entry(utc_now(), self._telescope_id, EntryKind.MODEL, what, facts))
+
+    async def _recall_rotator(self, rotator: CheckedRotator | None) -> None:
+        if rotator is not None:
+            rotator.restore(await self._journal.recent(self._telescope_id, EntryKind.SETTINGS, ROWS_READ))
 
     async def _recall(self, mount: CheckedMount, guard: GuardedSync, rates: RatesKept) -> None:
         syncs = await self._journal.recent(self._telescope_id, EntryKind.SYNC, ROWS_READ)

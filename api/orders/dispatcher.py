@@ -417,6 +417,29 @@ class Dispatcher:
         given = await asyncio.gather(*(self.give_stop(caller, telescope.id) for telescope in self.telescopes))
         return {telescope.id: one for telescope, one in zip(self.telescopes, given, strict=True)}
 
+    def next_panel(self, caller: Caller, job: Job) -> int:
+        """Say that the camera is through with a frame of a mosaic; how many are wanted yet of its panel.
+
+        Raises
+        ------
+        Refused
+            The caller may only look on, or somebody else holds the telescope.
+        BadRequest
+            The job is no mosaic, has ended, or its panel isn't centered yet.
+        """
+        try:
+            require_role(caller, Role.OPERATE)
+            self._leases.require(caller, job.telescope)
+            if job.kind != "mosaic" or job.is_over:
+                what = "is over" if job.is_over else f"is none, but {job.kind}"
+                raise BadRequest(f"only a mosaic has a next panel; the job {what}", device=job.telescope)
+            left = self._observatory.telescope(job.telescope).navigator.next_panel()
+        except (Refused, MountnavError) as refusal:
+            self._audit.refused(caller, "next", refusal, telescope=job.telescope)
+            raise
+        self._audit.note(caller, "next", telescope=job.telescope, job_id=job.id)
+        return left
+
     async def cancel(self, caller: Caller, job: Job) -> None:
         """Cancel a job and stop its mount; one that is over is left alone. Raises as `stop`.
 

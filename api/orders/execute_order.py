@@ -22,10 +22,13 @@ from api.orders.vocabulary import (
     OffsetOrder,
     OffsetRatesOrder,
     ParkOrder,
+    PixelAt,
     RecoverOrder,
+    RotateOrder,
     SetParkOrder,
     SetSiteTimeOrder,
     SlewOrder,
+    SpiralSearchOrder,
     SyncOrder,
     SyncToOrder,
     TrackingOrder,
@@ -35,8 +38,11 @@ from api.orders.vocabulary import (
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, OffsetRates, TrackingRate
 from mountnav.ephemeris import Ephemeris
+from mountnav.navigation.aim_points import AimPoint, PixelPoint
 from mountnav.navigation.follow import FollowReport
 from mountnav.navigation.navigator import Navigator
+from mountnav.navigation.rotating import FieldAngle
+from mountnav.navigation.searching import SearchBounds
 from mountnav.sky.coordinates import Icrs
 
 Work = Callable[[Navigator], Awaitable[object]]
@@ -79,7 +85,7 @@ async def execute_order(navigator: Navigator, order: NavigatorOrder) -> object:
     """
     match order:
         case SlewOrder():
-            return await navigator.slew(goal(navigator, order.target))
+            return await navigator.slew(goal(navigator, order.target), at=point_of(order.at))
         case CenterOrder():
             return await navigator.center(
                 goal(navigator, order.target),
@@ -88,9 +94,11 @@ async def execute_order(navigator: Navigator, order: NavigatorOrder) -> object:
                 timeout_s=order.timeout_s,
                 correct_by=order.correct_by,
                 planned_s=order.planned_s,
+                at=point_of(order.at),
+                angle=_angle_of(order),
             )
         case LookOrder():
-            return await navigator.look(order.exposure_s, persistent=order.persistent)
+            return await navigator.look(order.exposure_s, persistent=order.persistent, at=point_of(order.at))
         case SyncOrder():
             return await navigator.sync()
         case SyncToOrder():
@@ -98,7 +106,21 @@ async def execute_order(navigator: Navigator, order: NavigatorOrder) -> object:
         case OffsetOrder():
             return await navigator.offset(order.east_arcsec, order.north_arcsec)
         case FlipOrder():
-            return await navigator.flip(goal(navigator, order.target), planned_s=order.planned_s)
+            return await navigator.flip(
+                goal(navigator, order.target), planned_s=order.planned_s, at=point_of(order.at)
+            )
+        case RotateOrder():
+            angle = _angle_of(order)
+            assert angle is not None
+            return await navigator.rotate(angle, exposure_s=order.exposure_s, trust_count=order.trust_count)
+        case SpiralSearchOrder():
+            return await navigator.spiral_search(
+                goal(navigator, order.target),
+                SearchBounds(
+                    order.radius_deg, order.step_share, order.field_deg, order.most_looks, order.most_s
+                ),
+                exposure_s=order.exposure_s,
+            )
         case FollowOrder():
             return await _follow(navigator, order)
         case RecoverOrder():
@@ -154,6 +176,17 @@ async def set_rates(navigator: Navigator, order: OffsetRatesOrder) -> RatesView:
     )
 
 
+def point_of(at: str | PixelAt | None) -> AimPoint | str | None:
+    """To which point, as navigation takes it."""
+    return PixelPoint("", at.x_px, at.y_px) if isinstance(at, PixelAt) else at
+
+
+def _angle_of(order: CenterOrder | RotateOrder) -> FieldAngle | None:
+    if order.position_angle_deg is None:
+        return None
+    return FieldAngle(order.position_angle_deg, order.angle_tolerance_deg, order.either_way)
+
+
 def there(navigator: Navigator, target: Target) -> Icrs:
     """Where a target is now. Raises `BadRequest`, and `OutsideLimits` for the Sun without a filter."""
     mount = navigator.mount
@@ -193,7 +226,8 @@ async def _follow(navigator: Navigator, order: FollowOrder) -> FollowReport:
         tolerance_arcsec=order.tolerance_arcsec,
         exposure_s=order.exposure_s,
         look_every_s=order.look_every_s,
+        at=point_of(order.at),
     )
 
 
-__all__ = ["Work", "execute_order", "goal", "there", "work_of"]
+__all__ = ["Work", "execute_order", "goal", "point_of", "there", "work_of"]

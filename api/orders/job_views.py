@@ -16,6 +16,7 @@ from api.orders.results import (
     FollowView,
     HoldView,
     ModelRunView,
+    MosaicView,
     RatesView,
     SeriesView,
     SkyEventView,
@@ -36,15 +37,52 @@ from mountnav.navigation.reports import (
     CoordinateSyncReport,
     FirstLightReport,
     Look,
+    PointSeen,
     RecoverReport,
+    Rotation,
     SlewReport,
     SyncReport,
     Try,
 )
+from mountnav.navigation.searching import SearchReport
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset
 
 _MOUNT = "The same in the mount's own frame, at that instant; null where that is not known any more"
+
+
+class PointSeenView(BaseModel):
+    """Where a point beside the frame's middle looked."""
+
+    name: str = Field(description="Empty for one that was named by its pixel")
+    place: Place
+    x_px: Finite = Field(default=None, description="From 0; null for another tube")
+    y_px: Finite = None
+    from_middle_arcsec: Finite
+    position_angle_deg: Finite = Field(description="Of its own direction")
+
+
+class TurnView(BaseModel):
+    """One turn of a rotator, by its own count."""
+
+    from_deg: Finite
+    to_deg: Finite
+    came_deg: Finite
+    elapsed_s: Finite
+
+
+class RotationView(BaseModel):
+    """A field that was brought to a position angle."""
+
+    kind: Literal["rotate"] = "rotate"
+    wanted_deg: Finite
+    before_deg: Finite = Field(description="As a solve showed it")
+    after_deg: Finite
+    off_deg: Finite = Field(description="What is left")
+    tolerance_deg: Finite
+    turns: list[TurnView]
+    sense: int | None = Field(description="Whether position angles grow (1) with the rotator's count")
+    notes: list[str]
 
 
 class LookView(BaseModel):
@@ -74,6 +112,7 @@ class LookView(BaseModel):
         default=None, description="Looks of one segment share the mount's zero points"
     )
     pier_side: str | None = None
+    at: PointSeenView | None = Field(default=None, description="Where the point looked that was asked for")
 
 
 class SlewView(BaseModel):
@@ -181,10 +220,27 @@ class CenterView(BaseModel):
     )
     model_id: str | None = Field(default=None, description="The pointing model that aimed")
     notes: list[str] = Field(default_factory=list, description="What an operator should know")
+    at: PointSeenView | None = Field(default=None, description="The point that the target was brought to")
+    rotation_deg: Finite = Field(default=None, description="Of the last frame")
+    rotation: RotationView | None = Field(
+        default=None, description="What came of the position angle that was asked for"
+    )
     target_name: str = Field(default="", description="Of a target that moves among the stars")
     target_utc: datetime | None = Field(default=None, description="When it was at `target`, if it moves")
     target_sigma_arcsec: Finite = Field(default=None, description="How uncertain its place is, one sigma")
     target_rates_arcsec_s: Finite = Field(default=None, description="How fast it moves, over the sky")
+
+
+class SearchView(BaseModel):
+    """A spiral search that found something, and the centering after it."""
+
+    kind: Literal["spiral-search"] = "spiral-search"
+    looks: int
+    passed_over: int = Field(description="Steps that the limits don't allow")
+    found_arcsec: Finite = Field(description="How far from the target the solved frame was")
+    found: LookView
+    centered: CenterView
+    elapsed_s: Finite
 
 
 class MovedView(BaseModel):
@@ -203,6 +259,9 @@ Result = Annotated[
     | FirstLightView
     | CenterView
     | FollowView
+    | MosaicView
+    | RotationView
+    | SearchView
     | MovedView
     | AxesMovedView
     | RatesView
@@ -371,6 +430,36 @@ def look_view(look: Look, epoch: Epoch | None = None) -> LookView:
         solve_s=look.verdict.times.total_s,
         segment_id=look.segment_id or None,
         pier_side=None if look.after.pier_side is None else str(look.after.pier_side),
+        at=None if look.at is None else _point_seen(look.at),
+    )
+
+
+def _point_seen(seen: PointSeen) -> PointSeenView:
+    return PointSeenView(
+        name=seen.name,
+        place=place(seen.place),
+        x_px=seen.x_px,
+        y_px=seen.y_px,
+        from_middle_arcsec=seen.from_middle_arcsec,
+        position_angle_deg=seen.position_angle_deg,
+    )
+
+
+def _rotation(report: Rotation) -> RotationView:
+    return RotationView(
+        wanted_deg=report.wanted_deg,
+        before_deg=report.before_deg,
+        after_deg=report.after_deg,
+        off_deg=report.off_deg,
+        tolerance_deg=report.tolerance_deg,
+        turns=[
+            TurnView(
+                from_deg=turn.from_deg, to_deg=turn.to_deg, came_deg=turn.came_deg, elapsed_s=turn.elapsed_s
+            )
+            for turn in report.turns
+        ],
+        sense=report.sense,
+        notes=list(report.notes),
     )
 
 
@@ -495,9 +584,20 @@ def result_view(report: object, *, epoch: Epoch | None = None, utc: datetime | N
             return MovedView(outcome=str(report))
         case None:
             return None
+        case Rotation():
+            return _rotation(report)
+        case SearchReport():
+            return SearchView(
+                looks=report.looks,
+                passed_over=report.passed_over,
+                found_arcsec=report.found_arcsec,
+                found=look_view(report.found, epoch),
+                centered=_center(report.centered, mounts(report.centered.target)),
+                elapsed_s=report.elapsed_s,
+            )
         case SolvedView() | SeriesView() | ModelRunView() | FollowView() | HoldView() | DitherView():
             return report
-        case AxesMovedView() | RatesView():
+        case MosaicView() | AxesMovedView() | RatesView():
             return report
         case dict():
             # of a job that ended before the service was started again
@@ -528,6 +628,9 @@ def _center(report: CenterReport, target_mount: Place | None) -> CenterView:
         target_name=report.target_name,
         target_utc=report.target_utc,
         target_sigma_arcsec=report.target_sigma_arcsec if report.target_name else None,
+        at=None if report.at is None else _point_seen(report.at),
+        rotation_deg=report.rotation_deg,
+        rotation=None if report.rotation is None else _rotation(report.rotation),
         target_rates_arcsec_s=None if report.target_rates is None else report.target_rates.total_arcsec_s,
     )
 

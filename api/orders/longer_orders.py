@@ -14,14 +14,24 @@ import numpy as np
 
 from api.access.security import allowed_file
 from api.observatory.observatory import Heard, Observatory
-from api.orders.execute_order import Work, there
+from api.orders.execute_order import Work, point_of, there
 from api.orders.hold_orders import run_dither, run_hold
-from api.orders.results import DriftView, SeriesLookView, SeriesView, SolvedView, mount_place, place
+from api.orders.results import (
+    DriftView,
+    MosaicView,
+    PanelView,
+    SeriesLookView,
+    SeriesView,
+    SolvedView,
+    mount_place,
+    place,
+)
 from api.orders.vocabulary import (
     DitherOrder,
     HoldOrder,
     LongerOrder,
     ModelRunOrder,
+    MosaicOrder,
     SeriesOrder,
     SolveOrder,
 )
@@ -30,13 +40,15 @@ from api.solver.link import Upload
 from api.solver.solve_record import solve_record
 from api.solver.solver import Solver
 from mountnav.clock import Clock, SystemClock, utc_now
-from mountnav.errors import BadFrame, MountMoved, SolveFailed
+from mountnav.errors import BadFrame, BadRequest, MountMoved, SolveFailed
 from mountnav.files import open_plain
+from mountnav.navigation.mosaicking import MosaicWait, PanelReport
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import Look
 from mountnav.series.drift import LEAST_FRAMES, Drift, Track, fit_drift, joined, jumps
 from mountnav.settings.observatory import Settings
 from mountnav.sky.coordinates import Icrs
+from mountnav.sky.patterns import Panel, mosaic, offsets
 from mountnav.sky.sphere import offset_arcsec
 from mountnav.solution import Reason
 
@@ -259,6 +271,94 @@ def _drift_view(drift: Drift) -> DriftView:
     )
 
 
+async def run_mosaic(navigator: Navigator, order: MosaicOrder, tell: Tell) -> MosaicView:
+    """Carry it out.
+
+    Parameters
+    ----------
+    tell : callable
+        Told of each panel when it is centered, and when it ends.
+
+    Raises
+    ------
+    BadRequest
+        How large the field is isn't known, or it makes no mosaic; nothing moved.
+    OutsideLimits, TargetNotReached, DeviceError, JournalFailed
+    """
+    panels = panels_of(navigator, order)
+    wait = MosaicWait(order.until, order.dwell_s or 0.0, order.frames, order.most_s)
+    began_utc = utc_now()
+
+    def heard(report: PanelReport) -> None:
+        tell(panel_view(report, len(panels)).model_dump(mode="json"))
+
+    report = await navigator.mosaic(
+        panels,
+        wait=wait,
+        from_panel=order.from_panel,
+        turned=order.turn_field,
+        angle_tolerance_deg=order.angle_tolerance_deg,
+        tolerance_arcsec=order.tolerance_arcsec,
+        at=point_of(order.at),
+        heard=heard,
+    )
+    return MosaicView(
+        panels=[panel_view(one, len(panels)) for one in report.panels],
+        missing=list(report.missing),
+        notes=list(report.notes),
+        began_utc=began_utc,
+        ended_utc=utc_now(),
+        elapsed_s=report.elapsed_s,
+    )
+
+
+def panels_of(navigator: Navigator, order: MosaicOrder) -> tuple[Panel, ...]:
+    """The panels of an order. Raises `BadRequest`."""
+    center = there(navigator, order.target)
+    if order.offsets_arcsec is not None:
+        return offsets(center, order.offsets_arcsec, order.pattern_angle_deg)
+    assert order.across is not None
+    assert order.down is not None
+    size = navigator.field_deg
+    if order.width_deg is not None and order.height_deg is not None:
+        size = order.width_deg, order.height_deg
+    if size is None:
+        raise BadRequest(
+            "how large the field is isn't known: no frame was solved with this camera yet",
+            device=navigator.name,
+            advice="look once, or give width_deg and height_deg",
+        )
+    return mosaic(
+        center,
+        across=order.across,
+        down=order.down,
+        width_deg=size[0],
+        height_deg=size[1],
+        overlap=order.overlap,
+        position_angle_deg=order.pattern_angle_deg,
+        snake=order.snake,
+    )
+
+
+def panel_view(report: PanelReport, of: int) -> PanelView:
+    """View of a panel."""
+    return PanelView(
+        number=report.panel.number,
+        of=of,
+        column=report.panel.column,
+        row=report.panel.row,
+        ra_deg=report.panel.place.ra_deg,
+        dec_deg=report.panel.place.dec_deg,
+        position_angle_deg=report.panel.position_angle_deg,
+        end=report.end.value,
+        error_arcsec=report.error_arcsec,
+        rotation_deg=report.rotation_deg,
+        centered_utc=report.centered_utc,
+        left_utc=report.left_utc,
+        words=report.words,
+    )
+
+
 class LongerOrders:
     """Makes work of them.
 
@@ -284,6 +384,8 @@ class LongerOrders:
 
         async def work(navigator: Navigator) -> object:
             match order:
+                case MosaicOrder():
+                    return await run_mosaic(navigator, order, tell)
                 case SolveOrder():
                     return await solve_frame(navigator, order, solver=self._solver, folders=one.night.folders)
                 case SeriesOrder():

@@ -30,7 +30,9 @@ __all__ = [
     "HoldLookView",
     "HoldView",
     "ModelRunView",
+    "MosaicView",
     "OffsetView",
+    "PanelView",
     "Place",
     "PointView",
     "RatesView",
@@ -185,6 +187,39 @@ class PointView(BaseModel):
     look_id: str | None = None
     problem: str | None = Field(default=None, description="Why it has no look")
     elapsed_s: Finite = None
+
+
+class PanelView(BaseModel):
+    """One panel of a mosaic."""
+
+    kind: Literal["panel"] = "panel"
+    number: int = Field(description="In the order in which they are visited, from 1")
+    of: int
+    column: int = Field(description="From the left; 0 of a pattern of offsets")
+    row: int = Field(description="From above")
+    ra_deg: Finite = Field(description="Its middle, ICRS")
+    dec_deg: Finite
+    position_angle_deg: Finite = Field(description="At which its image fits to the others")
+    end: Literal["done", "centered", "not allowed", "not centered", "left out"] = Field(
+        description="centered: it waits for the camera; done: that is over"
+    )
+    error_arcsec: Finite = None
+    rotation_deg: Finite = Field(default=None, description="How the image stood")
+    centered_utc: datetime | None = None
+    left_utc: datetime | None = None
+    words: str = ""
+
+
+class MosaicView(BaseModel):
+    """How a mosaic ended."""
+
+    kind: Literal["mosaic"] = "mosaic"
+    panels: list[PanelView]
+    missing: list[int] = Field(description="Numbers of those that were not done")
+    notes: list[str]
+    began_utc: datetime
+    ended_utc: datetime
+    elapsed_s: Finite
 
 
 class FollowLookView(BaseModel):
@@ -352,7 +387,8 @@ class DitherView(BaseModel):
 
 
 Attempt = Annotated[
-    AttemptView | SeriesLookView | HoldLookView | PointView | FollowLookView, Field(discriminator="kind")
+    AttemptView | SeriesLookView | HoldLookView | PointView | PanelView | FollowLookView,
+    Field(discriminator="kind"),
 ]
 
 

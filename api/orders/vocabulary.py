@@ -14,6 +14,7 @@ from api.access.callers import Role
 from api.orders.targets import ApparentTarget, Body, IcrsTarget, Instant, Tagged, Target
 from api.solver.hints import make_hint
 from mountnav.errors import BadRequest
+from mountnav.sky.patterns import MOST_PANELS
 
 __all__ = [
     "JOB_EXAMPLES",
@@ -40,6 +41,8 @@ __all__ = [
     "LookBody",
     "LookOrder",
     "ModelRunOrder",
+    "MosaicBody",
+    "MosaicOrder",
     "MoveAxisBody",
     "MoveAxisOrder",
     "NavigatorOrder",
@@ -51,14 +54,19 @@ __all__ = [
     "OrderBody",
     "OrderKind",
     "ParkOrder",
+    "PixelAt",
     "RateWord",
     "RecoverOrder",
+    "RotateBody",
+    "RotateOrder",
+    "SearchBody",
     "SeriesOrder",
     "SetParkOrder",
     "SetSiteTimeOrder",
     "SlewBody",
     "SlewOrder",
     "SolveOrder",
+    "SpiralSearchOrder",
     "SyncOrder",
     "SyncToOrder",
     "TrackingBody",
@@ -101,6 +109,42 @@ _FASTEST_ARCSEC_S = 36_000.0
 above."""
 
 
+class PixelAt(Body):
+    """A pixel of the look camera's frames as they are, from 0: (0, 0) is the center of the first one."""
+
+    x_px: float = Field(ge=-0.5, le=100_000)
+    y_px: float = Field(ge=-0.5, le=100_000)
+
+
+_At = Annotated[
+    Annotated[str, Field(min_length=1, max_length=40)] | PixelAt | None,
+    Field(
+        description="To which point of the camera the target is brought: a name of `[[telescope.point]]`, or "
+        "a pixel; left out: the frame's middle"
+    ),
+]
+
+
+class AngleFields(Body):
+    """How the image is to stand."""
+
+    position_angle_deg: float | None = Field(
+        default=None,
+        ge=0,
+        lt=360,
+        description="Position angle of the image's +y, north through east; of a named point its own "
+        "direction. A rotator turns it there, and looks confirm it",
+    )
+    angle_tolerance_deg: float | None = Field(default=None, gt=0, le=90)
+    either_way: bool = Field(default=False, description="It may stand on its head as well")
+
+    @model_validator(mode="after")
+    def _an_angle_to_be_near_to(self) -> Self:
+        if self.position_angle_deg is None and (self.angle_tolerance_deg is not None or self.either_way):
+            raise ValueError("angle_tolerance_deg and either_way are for a position_angle_deg")
+        return self
+
+
 class OrderBody(Tagged):
     """One kind of order: its body, and what is decided by its kind alone."""
 
@@ -116,10 +160,11 @@ class SlewOrder(OrderBody):
     moves = True
     kind: Literal["slew"] = "slew"
     target: Target
+    at: _At = None
 
 
-class CenterOrder(OrderBody):
-    """Slew, look, correct, and slew again until the target is at the frame's center."""
+class CenterOrder(AngleFields, OrderBody):
+    """Slew, look, correct, and slew again until the target is at the frame's center, or at a point."""
 
     moves = True
     kind: Literal["center"] = "center"
@@ -129,6 +174,7 @@ class CenterOrder(OrderBody):
     timeout_s: float | None = Field(default=None, gt=0, le=7200)
     correct_by: Literal["sync", "offset", "model"] | None = None
     planned_s: _Planned = None
+    at: _At = None
 
 
 class LookOrder(OrderBody):
@@ -137,6 +183,7 @@ class LookOrder(OrderBody):
     kind: Literal["look"] = "look"
     exposure_s: _Exposure = None
     persistent: bool = Field(default=False, description="Try all that is allowed and moves nothing")
+    at: _At = Field(default=None, description="Tell where this point looks, too")
 
 
 class SyncOrder(OrderBody):
@@ -168,6 +215,107 @@ class FlipOrder(OrderBody):
     kind: Literal["flip"] = "flip"
     target: Target
     planned_s: _Planned = None
+    at: _At = None
+
+
+class RotateFields(AngleFields):
+    """To which angle the field is turned."""
+
+    exposure_s: _Exposure = None
+    trust_count: bool = Field(
+        default=False,
+        description="An operator's word that the rotator's cables lie as its count says. Needs configure",
+    )
+
+    @model_validator(mode="after")
+    def _an_angle(self) -> Self:
+        if self.position_angle_deg is None:
+            raise ValueError("position_angle_deg is needed")
+        return self
+
+
+class RotateOrder(RotateFields, OrderBody):
+    """Turn the field to a position angle where the telescope stands; looks confirm it."""
+
+    kind: Literal["rotate"] = "rotate"
+
+
+class MosaicFields(Body):
+    """Which panels, how each is centered, and what it is left for."""
+
+    across: int | None = Field(default=None, ge=1, le=100, description="Panels in a row; with `down`")
+    down: int | None = Field(default=None, ge=1, le=100)
+    overlap: float = Field(default=0.1, ge=0, le=0.9, description="Of neighbors, as a share of the field")
+    width_deg: float | None = Field(
+        default=None, gt=0, le=40, description="Of the field; left out: the look camera's, by solves"
+    )
+    height_deg: float | None = Field(default=None, gt=0, le=40)
+    offsets_arcsec: list[tuple[float, float]] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=MOST_PANELS,
+        description="Instead of across and down: places beside the target, each to the right and upwards",
+    )
+    pattern_angle_deg: float = Field(
+        default=0.0, ge=0, lt=360, description="Position angle of the pattern's upward direction"
+    )
+    turn_field: bool = Field(
+        default=False, description="Turn each image to its panel's angle; needs a rotator"
+    )
+    angle_tolerance_deg: float | None = Field(default=None, gt=0, le=90)
+    snake: bool = Field(default=True, description="Every other row backwards")
+    from_panel: int = Field(default=1, ge=1, le=10_000, description="What was done before isn't done again")
+    until: Literal["next", "dwell"] = Field(
+        default="next",
+        description="next: each panel is kept until `POST /v1/jobs/{id}/next`; dwell: for dwell_s",
+    )
+    frames: int = Field(default=1, ge=1, le=10_000, description="So many `next` for each panel")
+    dwell_s: float | None = Field(default=None, gt=0, le=43_200)
+    most_s: float = Field(
+        default=7200.0, gt=0, le=43_200, description="A camera program silent for so long has died"
+    )
+    tolerance_arcsec: float | None = Field(default=None, gt=0, le=3600)
+    at: _At = None
+
+    @model_validator(mode="after")
+    def _one_pattern(self) -> Self:
+        grid = self.across is not None and self.down is not None
+        if grid is (self.offsets_arcsec is not None) or (self.across is None) is not (self.down is None):
+            raise ValueError("either across and down, or offsets_arcsec")
+        if (self.width_deg is None) is not (self.height_deg is None):
+            raise ValueError("width_deg and height_deg, or neither")
+        if (self.until == "dwell") is (self.dwell_s is None):
+            raise ValueError("dwell_s is for until = dwell, and needed with it")
+        return self
+
+
+class MosaicOrder(MosaicFields, OrderBody):
+    """Center each panel of a mosaic round the target, one after the other, and leave it to the camera."""
+
+    moves = True
+    kind: Literal["mosaic"] = "mosaic"
+    target: Target
+
+
+class SearchFields(Body):
+    """How far a search goes."""
+
+    radius_deg: float = Field(default=1.0, gt=0, le=10)
+    step_share: float = Field(default=0.7, ge=0.1, le=1, description="Of the field's shorter side")
+    field_deg: float | None = Field(
+        default=None, ge=0.001, le=60, description="That side; left out: by what is known of the camera"
+    )
+    most_looks: int = Field(default=50, ge=1, le=1000)
+    most_s: float = Field(default=1800.0, gt=0, le=14_400)
+    exposure_s: _Exposure = None
+
+
+class SpiralSearchOrder(SearchFields, OrderBody):
+    """Look round the target, step by step, until a frame is solved, and center it; else go back."""
+
+    moves = True
+    kind: Literal["spiral-search"] = "spiral-search"
+    target: Target
 
 
 LONGEST_FOLLOW_S = 86_400
@@ -189,6 +337,7 @@ class FollowFields(Body):
     look_every_s: float | None = Field(
         default=None, ge=5, le=3600, description="Between two looks while all is well; left out: a minute"
     )
+    at: _At = Field(default=None, description="To which point it is brought, by what solves have taught")
 
     @model_validator(mode="after")
     def _one_end(self) -> Self:
@@ -484,10 +633,12 @@ NavigatorOrder = (
     | AcceptSiteTimeOrder
     | RecoverOrder
     | FirstLightOrder
+    | RotateOrder
+    | SpiralSearchOrder
 )
 """Orders that a navigator carries out by itself: `api.orders.execute_order`."""
 
-LongerOrder = SolveOrder | SeriesOrder | HoldOrder | DitherOrder | ModelRunOrder
+LongerOrder = SolveOrder | SeriesOrder | HoldOrder | DitherOrder | ModelRunOrder | MosaicOrder
 """Orders that need more than a navigator: `api.orders.longer_orders`."""
 
 Order = Annotated[NavigatorOrder | LongerOrder | MoveAxisOrder, Field(discriminator="kind")]
@@ -516,6 +667,9 @@ OrderKind = Literal[
     "accept-site-time",
     "recover",
     "first-light",
+    "rotate",
+    "spiral-search",
+    "mosaic",
     "solve",
     "series",
     "hold",
@@ -535,7 +689,11 @@ MOVING = frozenset(kind for kind, body in KINDS.items() if body.moves)
 
 def role_for(order: Order) -> Role:
     """Which role an order needs, by whatever face it comes: what overrules the guards needs more."""
-    overrules = order.overrules or (isinstance(order, ModelRunOrder) and order.put_in_force)
+    overrules = (
+        order.overrules
+        or (isinstance(order, ModelRunOrder) and order.put_in_force)
+        or (isinstance(order, RotateOrder) and order.trust_count)
+    )
     return Role.CONFIGURE if overrules else Role.OPERATE
 
 
@@ -581,6 +739,7 @@ class SlewBody(ShortBody):
         description="jnow-apparent: true equator and equinox of now, geocentric, no refraction",
     )
     target: Target | None = Field(default=None, description="Instead of ra_deg and dec_deg")
+    at: _At = None
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:
@@ -610,7 +769,7 @@ class SlewBody(ShortBody):
         return {**dict(self), "target": self.place}
 
 
-class CenterBody(SlewBody):
+class CenterBody(AngleFields, SlewBody):
     """What to center; bounds not given are the telescope's settings."""
 
     tolerance_arcsec: float | None = Field(default=None, gt=0, le=3600)
@@ -628,6 +787,18 @@ class FlipBody(SlewBody):
 
 class FollowBody(FollowFields, SlewBody):
     """What to follow, and until when."""
+
+
+class RotateBody(RotateFields, ShortBody):
+    """To which angle the field is turned."""
+
+
+class MosaicBody(MosaicFields, SlewBody):
+    """Which mosaic, and where its middle is."""
+
+
+class SearchBody(SearchFields, SlewBody):
+    """Round which place to search, and how far."""
 
 
 class OffsetBody(ShortBody):
@@ -689,6 +860,7 @@ class LookBody(ShortBody):
     persistent: bool = Field(
         default=False, description="Look: try all that is allowed and moves nothing, waiting included"
     )
+    at: _At = Field(default=None, description="Look: tell where this point looks, too")
 
 
 def _example(summary: str, **value: Any) -> dict[str, Any]:
@@ -751,6 +923,26 @@ JOB_EXAMPLES: dict[str, Any] = {
         target={"kind": "name", "name": "Moon"},
         duration_s=3600.0,
         tolerance_arcsec=10.0,
+    ),
+    "center-slit": _kind(
+        "center",
+        "Bring a star to the slit, and the slit along an angle",
+        target={"kind": "name", "name": "Vega"},
+        at="slit",
+        position_angle_deg=35.0,
+    ),
+    "rotate": _kind("rotate", "North up, or on its head", position_angle_deg=0.0, either_way=True),
+    "mosaic": _kind(
+        "mosaic",
+        "Two by three panels, twenty frames each",
+        target={"kind": "name", "name": "M31"},
+        across=2,
+        down=3,
+        overlap=0.15,
+        frames=20,
+    ),
+    "spiral-search": _kind(
+        "spiral-search", "Look round a place", target=_BARNARD, radius_deg=1.5, exposure_s=20.0
     ),
     "park": _kind("park", "Park"),
     "home": _kind("home", "Go home"),

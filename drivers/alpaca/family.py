@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from drivers.alpaca.device import AlpacaDevice
     from drivers.generic.camera import GenericCamera
     from drivers.generic.mount import GenericMount
+    from drivers.generic.rotator import GenericRotator
     from mountnav.devices import MountAxis
     from mountnav.sky.coordinates import Site
 
@@ -85,6 +86,23 @@ def _open_camera(url: MountUrl, name: str | None) -> GenericCamera:
     return GenericCamera(AlpacaCameraLanguage(device, name=name, habits=habits))
 
 
+_ROTATOR_OPTIONS = ("connect", "connect_s", "ca", "timeout_s", "turn_timeout_s")
+
+
+def _open_rotator(url: MountUrl, name: str | None) -> GenericRotator:
+    from drivers.alpaca.rotator import AlpacaRotatorLanguage, RotatorHabits
+    from drivers.generic.options import number_of, require_known, yes_of
+    from drivers.generic.rotator import GenericRotator, RotatorTiming
+
+    _require_kind(url, "rotator")
+    own = url.options
+    require_known(own, _ROTATOR_OPTIONS, "an alpaca rotator")
+    habits = RotatorHabits(may_connect=yes_of(own, "connect", default=True))
+    device = _device(url, own, number_of(own, "timeout_s", 5.0))
+    timing = RotatorTiming(turn_timeout_s=number_of(own, "turn_timeout_s", 600.0, most=7200.0))
+    return GenericRotator(AlpacaRotatorLanguage(device, name=name, habits=habits), timing=timing)
+
+
 def _axis_signs(own: Mapping[str, str]) -> dict[MountAxis, float]:
     """Read ``axis_signs=mp``: which sign of a speed moves the primary and the secondary axis upwards."""
     text = own.get("axis_signs")
@@ -123,7 +141,7 @@ def _read_url(parts: UrlParts, family: Family) -> MountUrl:
     if (
         parts.transport in _PORTS
         and parts.host
-        and re.fullmatch(r"/(telescope|camera)/[0-9]{1,9}", parts.path)
+        and re.fullmatch(r"/(telescope|camera|rotator)/[0-9]{1,9}", parts.path)
     ):
         line = f"{parts.transport}://{parts.host}:{parts.port or _PORTS[parts.transport]}"
         return MountUrl(family.name, line, parts.options, parts.path[1:], parts.user, parts.password)
@@ -137,6 +155,7 @@ FAMILY = Family(
     name="alpaca",
     open_mount=_open_mount,
     open_camera=_open_camera,
+    open_rotator=_open_rotator,
     read_url=_read_url,
     usual_port=_PORTS["http"],
     also_called=("ascom",),

@@ -12,6 +12,7 @@ from mountnav.errors import BadSettings
 if TYPE_CHECKING:
     from drivers.generic.camera import GenericCamera
     from drivers.generic.mount import GenericMount
+    from drivers.generic.rotator import GenericRotator
     from drivers.indi.device import IndiDevice
     from mountnav.sky.coordinates import Site
 
@@ -95,6 +96,25 @@ def _open_camera(url: MountUrl, name: str | None) -> GenericCamera:
     return GenericCamera(IndiCameraLanguage(device, name=name, habits=habits))
 
 
+_ROTATOR_OPTIONS = ("connect", "connect_s", "timeout_s", "server_silent_s", "step_deg", "turn_timeout_s")
+
+
+def _open_rotator(url: MountUrl, name: str | None) -> GenericRotator:
+    from drivers.generic.options import number_of, require_known, yes_of
+    from drivers.generic.rotator import GenericRotator, RotatorTiming
+    from drivers.indi.rotator import USUAL_STEP_DEG, IndiRotatorLanguage, RotatorHabits
+
+    own = url.options
+    require_known(own, _ROTATOR_OPTIONS, "an indi rotator")
+    habits = RotatorHabits(
+        may_connect=yes_of(own, "connect", default=True),
+        step_deg=number_of(own, "step_deg", USUAL_STEP_DEG, most=10.0),
+    )
+    device = _device(url, own, number_of(own, "timeout_s", 8.0))
+    timing = RotatorTiming(turn_timeout_s=number_of(own, "turn_timeout_s", 600.0, most=7200.0))
+    return GenericRotator(IndiRotatorLanguage(device, name=name, habits=habits), timing=timing)
+
+
 def _device(url: MountUrl, own: Mapping[str, str], deadline_s: float) -> IndiDevice:
     from drivers.generic.options import number_of
     from drivers.indi.client import IndiClient, Pulse
@@ -127,6 +147,7 @@ FAMILY = Family(
     name="indi",
     open_mount=_open_mount,
     open_camera=_open_camera,
+    open_rotator=_open_rotator,
     read_url=_read_url,
     usual_port=PORT,
 )

@@ -6,7 +6,8 @@ Only tests and benchmarks use it. It is here because both do, and neither may de
 
 from __future__ import annotations
 
-from datetime import timedelta
+from collections.abc import Callable
+from datetime import datetime, timedelta
 from typing import Literal
 
 import numpy as np
@@ -32,8 +33,9 @@ class TruthCamera:
         Says which of its frames are stale.
     through : SeenThrough, optional
         Size of its frames.
-    turned_deg : float
-        How the camera is turned in the tube: position angle of +y minus the tube's own north.
+    turned_deg : float or callable
+        How the camera is turned in the tube: position angle of +y minus the tube's own north; on a rotator,
+        of the instant.
     read_out_s : float
         Between the end of an exposure and its frame.
     clock_off_s : float
@@ -57,7 +59,7 @@ class TruthCamera:
         script: SkyScript | None = None,
         through: SeenThrough | None = None,
         *,
-        turned_deg: float = 0.0,
+        turned_deg: float | Callable[[datetime], float] = 0.0,
         read_out_s: float = 0.3,
         clock_off_s: float = 0.0,
         habit: Literal["sound", "frozen", "one-behind"] = "sound",
@@ -115,7 +117,7 @@ class TruthCamera:
         first, center, last = (self._mechanics.truth(utc) for utc in (began, middle, end))
         truth = FrameTruth(
             center,
-            (self._mechanics.tube_angle_deg(middle) + self._turned_deg) % 360.0,
+            (self._mechanics.tube_angle_deg(middle) + self._turned(middle)) % 360.0,
             max(separation_arcsec(first, center), separation_arcsec(center, last)) * 2.0,
             number,
             position_angle_deg(first, last),
@@ -129,6 +131,9 @@ class TruthCamera:
             f"{self._name} {number}",
         )
         return self._last
+
+    def _turned(self, utc: datetime) -> float:
+        return self._turned_deg(utc) if callable(self._turned_deg) else self._turned_deg
 
     def mend(self) -> None:
         """Repair its frames and its clock."""

@@ -14,9 +14,13 @@ def _order(kind: str, **fields: Any) -> Order:
     return {"kind": kind, **{name: value for name, value in fields.items() if value is not None}}
 
 
-def slew(target: Target) -> Order:
+At = str | dict[str, float]
+"""A named point of the telescope, or a pixel: ``{"x_px": 100.0, "y_px": 200.0}``, from 0."""
+
+
+def slew(target: Target, *, at: At | None = None) -> Order:
     """Go to a place as the mount believes it; nothing is looked at."""
-    return _order("slew", target=target)
+    return _order("slew", target=target, at=at)
 
 
 def center(
@@ -27,8 +31,12 @@ def center(
     timeout_s: float | None = None,
     correct_by: Literal["sync", "offset", "model"] | None = None,
     planned_s: float | None = None,
+    at: At | None = None,
+    position_angle_deg: float | None = None,
+    angle_tolerance_deg: float | None = None,
+    either_way: bool | None = None,
 ) -> Order:
-    """Slew, look, correct, and slew again until the target is at the frame's center."""
+    """Slew, look, correct, and slew again until the target is at the frame's center, or at a point."""
     return _order(
         "center",
         target=target,
@@ -37,12 +45,106 @@ def center(
         timeout_s=timeout_s,
         correct_by=correct_by,
         planned_s=planned_s,
+        at=at,
+        position_angle_deg=position_angle_deg,
+        angle_tolerance_deg=angle_tolerance_deg,
+        either_way=either_way,
     )
 
 
-def look(*, exposure_s: float | None = None, persistent: bool | None = None) -> Order:
+def rotate(
+    position_angle_deg: float,
+    *,
+    angle_tolerance_deg: float | None = None,
+    either_way: bool | None = None,
+    exposure_s: float | None = None,
+    trust_count: bool | None = None,
+) -> Order:
+    """Turn the field to a position angle where the telescope stands; looks confirm it."""
+    return _order(
+        "rotate",
+        position_angle_deg=position_angle_deg,
+        angle_tolerance_deg=angle_tolerance_deg,
+        either_way=either_way,
+        exposure_s=exposure_s,
+        trust_count=trust_count,
+    )
+
+
+def mosaic(
+    target: Target,
+    *,
+    across: int | None = None,
+    down: int | None = None,
+    overlap: float | None = None,
+    width_deg: float | None = None,
+    height_deg: float | None = None,
+    offsets_arcsec: list[tuple[float, float]] | None = None,
+    pattern_angle_deg: float | None = None,
+    turn_field: bool | None = None,
+    angle_tolerance_deg: float | None = None,
+    snake: bool | None = None,
+    from_panel: int | None = None,
+    until: Literal["next", "dwell"] | None = None,
+    frames: int | None = None,
+    dwell_s: float | None = None,
+    most_s: float | None = None,
+    tolerance_arcsec: float | None = None,
+    at: At | None = None,
+) -> Order:
+    """Center each panel of a mosaic, or place of a pattern, and leave it to the camera.
+
+    `Client.next_panel` says that the camera is through with a frame.
+    """
+    return _order(
+        "mosaic",
+        target=target,
+        across=across,
+        down=down,
+        overlap=overlap,
+        width_deg=width_deg,
+        height_deg=height_deg,
+        offsets_arcsec=offsets_arcsec,
+        pattern_angle_deg=pattern_angle_deg,
+        turn_field=turn_field,
+        angle_tolerance_deg=angle_tolerance_deg,
+        snake=snake,
+        from_panel=from_panel,
+        until=until,
+        frames=frames,
+        dwell_s=dwell_s,
+        most_s=most_s,
+        tolerance_arcsec=tolerance_arcsec,
+        at=at,
+    )
+
+
+def spiral_search(
+    target: Target,
+    *,
+    radius_deg: float | None = None,
+    step_share: float | None = None,
+    field_deg: float | None = None,
+    most_looks: int | None = None,
+    most_s: float | None = None,
+    exposure_s: float | None = None,
+) -> Order:
+    """Look round a place, step by step, until a frame is solved; then center it."""
+    return _order(
+        "spiral-search",
+        target=target,
+        radius_deg=radius_deg,
+        step_share=step_share,
+        field_deg=field_deg,
+        most_looks=most_looks,
+        most_s=most_s,
+        exposure_s=exposure_s,
+    )
+
+
+def look(*, exposure_s: float | None = None, persistent: bool | None = None, at: At | None = None) -> Order:
     """Expose and solve: where it truly points. Moves and syncs nothing."""
-    return _order("look", exposure_s=exposure_s, persistent=persistent)
+    return _order("look", exposure_s=exposure_s, persistent=persistent, at=at)
 
 
 def sync() -> Order:
@@ -60,9 +162,9 @@ def offset(east_arcsec: float, north_arcsec: float) -> Order:
     return _order("offset", east_arcsec=east_arcsec, north_arcsec=north_arcsec)
 
 
-def flip(target: Target, *, planned_s: float | None = None) -> Order:
+def flip(target: Target, *, planned_s: float | None = None, at: At | None = None) -> Order:
     """Let a German mount change sides, and center the target anew."""
-    return _order("flip", target=target, planned_s=planned_s)
+    return _order("flip", target=target, planned_s=planned_s, at=at)
 
 
 def follow(

@@ -149,13 +149,15 @@ def _transported(
 ) -> float:
     """The angle at `at`, counted from this frame's north, carried along the great circle to `there`."""
     assert type(at) is type(north) is type(there)
-    angle_deg = rotation_deg + position_angle_deg(at, north)  # type: ignore[type-var]
+    # azimuths grow the other way round on the sky than position angles
+    sense = -1.0 if isinstance(at, Observed) else 1.0
+    angle_deg = rotation_deg + sense * position_angle_deg(at, north)  # type: ignore[type-var]
     apart_arcsec = separation_arcsec(at, there)  # type: ignore[type-var]
     if not 0.01 < apart_arcsec < _TRANSPORTED_DEG * 3600.0:
         return angle_deg
     leaves = position_angle_deg(at, there)  # type: ignore[type-var]
     arrives = position_angle_deg(there, at) + 180.0  # type: ignore[type-var]
-    return angle_deg + half_turn_deg(arrives - leaves)
+    return angle_deg + sense * half_turn_deg(arrives - leaves)
 
 
 def distortion_px2(solution: Solution) -> float | None:

@@ -22,6 +22,7 @@ from mountnav.errors import (
 from mountnav.journal.records import EntryKind
 from mountnav.measuring.measurements import StarImages
 from mountnav.mount.kill_points import kill_point
+from mountnav.navigation.aim_points import AimPoint
 from mountnav.navigation.correcting import Correcting
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.moving import MovingTarget, Target
@@ -157,6 +158,8 @@ class Centering:
         How long the target is to be followed afterwards.
     key : str, optional
         The target's name, for the policy of syncs.
+    point : AimPoint, optional
+        To which it is brought; the frame's middle if left out.
 
     Attributes
     ----------
@@ -173,6 +176,7 @@ class Centering:
         *,
         planned_s: float | None = None,
         key: str | None = None,
+        point: AimPoint | None = None,
     ) -> None:
         self._asked = target
         self._moving = MovingTarget(
@@ -200,7 +204,7 @@ class Centering:
         self._note(note)
         self._ends = StopRules(equipment.name, policy, self.tries, self._tolerance)
         ahead = self._moving.ahead if self._moving.moves else None
-        self._correcting = Correcting(equipment, slewing, place, policy, self._note, key, ahead)
+        self._correcting = Correcting(equipment, slewing, place, policy, self._note, key, ahead, point)
         self._flipped = False
         self._recoveries = 0
 
@@ -270,7 +274,8 @@ class Centering:
                     continue
                 if latest is not found:
                     # that the tube holds still is what it shows: a moving target has gone on meanwhile
-                    error = offset_arcsec(latest.seen, self._moving.at(self._judged_utc))
+                    there = self._moving.at(self._judged_utc)
+                    error = offset_arcsec(correcting.aiming.place(latest), there)
                     found = latest
                     tries.seen_again(found, error)
                     followed = correcting.sighted(found)
@@ -278,7 +283,7 @@ class Centering:
             if error.total_arcsec <= self._tolerance:
                 tries.close(Correction.NONE, "centered", slewed=False)
                 return self._report(found, expected_first, clock.monotonic_s() - began_s)
-            stop = ends.why(followed, correcting.hole(found))
+            stop = correcting.out_of_reach or ends.why(followed, correcting.hole(found))
             done = None
             if stop is None:
                 try:
@@ -290,7 +295,7 @@ class Centering:
                     expected = await correcting.anew()
                     await self._slew()
                     continue
-            elif stop.reason is NotReached.POLE and not ends.last:
+            elif stop.reason is NotReached.POLE and stop is not correcting.out_of_reach and not ends.last:
                 done = await correcting.zeroed_below_the_pole()
             if done is None:
                 assert stop is not None
@@ -308,7 +313,8 @@ class Centering:
     def _error(self, found: Look) -> Offset:
         """How far the tube looked from where the target was in the middle of that exposure."""
         self._judged_utc = found.mid_exposure_utc
-        return offset_arcsec(found.seen, self._moving.at(found.mid_exposure_utc))
+        place = self._correcting.aiming.place(found)
+        return offset_arcsec(place, self._moving.at(found.mid_exposure_utc))
 
     def _keep_pace(self, found: Look) -> None:
         """Learn how long after a slew an exposure was half over."""
@@ -396,7 +402,8 @@ class Centering:
         equipment = self._equipment
         side, side_seen = found.after.side, equipment.guard.side_seen(found)
         self._note(side_note(found, side_seen))
-        ahead = crossing(equipment, self._asked, side, self._planned_s)
+        followed = self._asked if self._moving.moves else self._correcting.axis
+        ahead = crossing(equipment, followed, side, self._planned_s)
         if ahead is not None:
             self._note(ahead.words)
         target, rates = self.target, None
@@ -423,6 +430,9 @@ class Centering:
             crossing=ahead,
             model_id=self._correcting.model_id,
             notes=tuple(self.notes),
+            at=self._correcting.aiming.seen(found),
+            rotation_deg=found.solution.rotation_deg,
+            last=found,
             target_name=self._moving.name,
             target_utc=self._judged_utc if self._moving.moves else None,
             target_sigma_arcsec=self._sigma_arcsec,
@@ -453,6 +463,8 @@ def centering_facts(
         "notes": list(run.notes),
     }
     if report is not None:
+        if report.at is not None:
+            facts |= {"at": report.at.name, "at_x_px": report.at.x_px, "at_y_px": report.at.y_px}
         facts |= {
             "outcome": str(report.outcome),
             "error_before_arcsec": report.error_before_arcsec,
@@ -478,6 +490,7 @@ async def center_in_time(
     halt: Callable[[], Awaitable[None]],
     planned_s: float | None,
     key: str | None,
+    point: AimPoint | None = None,
 ) -> CenterReport:
     """Center `target`; see `Centering`.
 
@@ -489,6 +502,8 @@ async def center_in_time(
         How long the target is to be followed afterwards.
     key : str or None
         Its name.
+    point : AimPoint, optional
+        To which it is brought; the frame's middle if left out.
 
     Raises
     ------
@@ -497,7 +512,7 @@ async def center_in_time(
     OutsideLimits, SolveFailed, OffsetTooLarge, SyncRefused, MountMoved, Cancelled
     DeviceError, JournalFailed
     """
-    run = Centering(equipment, slewing, target, policy, planned_s=planned_s, key=key)
+    run = Centering(equipment, slewing, target, policy, planned_s=planned_s, key=key, point=point)
     try:
         async with asyncio.timeout(policy.timeout_s) as limit:
             report = await run.run()

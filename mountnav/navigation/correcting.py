@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,6 +17,8 @@ from mountnav.errors import (
     TargetNotReached,
 )
 from mountnav.mount.kill_points import kill_point
+from mountnav.navigation.aim_points import AimPoint
+from mountnav.navigation.aiming import Aiming
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.look_retries import PersistentLook
 from mountnav.navigation.policy import Approach, CenteringPolicy, CorrectBy
@@ -33,7 +36,7 @@ from mountnav.navigation.steering import (
 from mountnav.navigation.sync import SyncDecision, SyncTrigger
 from mountnav.navigation.sync_transaction import TookElsewhere
 from mountnav.sky.coordinates import Icrs
-from mountnav.sky.sphere import Offset, displaced, offset_arcsec, separation_arcsec
+from mountnav.sky.sphere import Offset, displaced, half_turn_deg, offset_arcsec, separation_arcsec
 
 ZEROED_AT_DEC_DEG = 60.0
 """Far enough from the pole for a sync: there a polar axis 10′ off shifts the hour angle by 17′ at most.
@@ -46,6 +49,11 @@ hand, 15′. Doubled, one false frame may move a mount by half a degree."""
 NEAR_ARCSEC = 120.0
 """A correction as small as this changes no sides. Chosen by hand. Doubled, a hole at the pole of 4′ goes
 unsaid."""
+
+CHANGED_SIDES = 2
+"""After so many corrections that changed sides of the pier a point beside the middle counts as out of reach,
+if the meridian explains it; after twice as many in any case. Doubled, a mount goes to and fro over the pier
+twice more before that is said."""
 
 Note = Callable[[str], None]
 
@@ -71,9 +79,17 @@ class Correcting:
     ahead : callable, optional
         Of a target that moves: where it will be in the middle of the exposure after a slew that begins now
         from the place that is given.
+    point : AimPoint, optional
+        To which the target is brought; the frame's middle if left out.
 
     Attributes
     ----------
+    aiming : Aiming
+        What the point means.
+    axis : Icrs
+        Where the frame's middle must look for the target to be on the point, as far as it is known.
+    out_of_reach : TargetNotReached or None
+        Why the point can't be brought to the target, by the last look.
     aim : Icrs
         Where the mount was, or is to be, sent.
     approach : bool
@@ -91,8 +107,13 @@ class Correcting:
         note: Note,
         key: str | None,
         ahead: Callable[[Icrs | None], Icrs] | None = None,
+        point: AimPoint | None = None,
     ) -> None:
-        self.aim = target
+        self.aiming = Aiming(equipment, point)
+        self.axis = self.aim = target
+        self.out_of_reach: TargetNotReached | None = None
+        self._stood_deg: float | None = None
+        self._changes = 0
         self._ahead = ahead
         self.approach = policy.approach is Approach.ALWAYS
         self.model_id: str | None = None
@@ -119,15 +140,29 @@ class Correcting:
         slewing = self._slewing
         self._lead()
         side = await slewing.side_at(self._target)
-        self.aim = slewing.aimed(self._target, side)
-        if self.aim != self._target:
+        known = self.aiming.axis_before(self._target, side)
+        if known is not None and known != self._target:
+            # the middle may look at the other half of the sky than the target stands in
+            other = await slewing.side_at(known)
+            again = self.aiming.axis_before(self._target, other) if other is not side else None
+            if again is not None and await slewing.side_at(again) is other:
+                known, side = again, other
+        # else the first look shows where the point is
+        self._points(known or self._target)
+        self.aim = slewing.aimed(self.axis, side)
+        if self.aim != self.axis:
             self.model_id = self._equipment.pointing.model_id
-        expected = slewing.expected(self._target, side)
+        expected = slewing.expected(self.axis, side)
         if expected is None:
             return None
         steps = math.sqrt(1.0 / 6.0) * self._equipment.mount.resolution_arcsec
         offset = expected.offset.total_arcsec if self.model_id is None else 0.0
+        if known is None:
+            return None
         return math.hypot(offset, math.sqrt(2.0) * expected.sigma_arcsec, steps)
+
+    def _points(self, axis: Icrs) -> None:
+        self.axis = self._steering.target = axis
 
     async def anew(self) -> float | None:
         """What was seen before counts no more: the mount was synced."""
@@ -140,7 +175,7 @@ class Correcting:
         kill_point("centering slew")
         self._lead()
         try:
-            report = await self._slewing.slew(self._target, self.aim, approach=self._leg())
+            report = await self._slewing.slew(self.axis, self.aim, approach=self._leg())
         except TargetNotReached as error:
             if error.reason is not NotReached.REST or not self._ignored:
                 raise
@@ -167,7 +202,8 @@ class Correcting:
         place = self._ahead(None if latest is None else from_mount(latest.place))
         on = offset_arcsec(place, self._target)
         self.aim = displaced(self.aim, on.east_arcsec, on.north_arcsec)
-        self._target = self._steering.target = place
+        self._target = place
+        self._points(displaced(self.axis, on.east_arcsec, on.north_arcsec))
 
     def _leg(self) -> Offset | None:
         """From where the last leg comes: towards the west and the north, the way that tracking turns."""
@@ -194,7 +230,27 @@ class Correcting:
         return seen.look
 
     def sighted(self, found: Look) -> Followed:
-        """Take in a look; whether the tube did what the last correction asked."""
+        """Take in a look; whether the tube did what the last correction asked.
+
+        Raises
+        ------
+        BadRequest
+            The point isn't within the frame.
+        """
+        stands_deg = self.aiming.camera_deg(found)
+        # as the image shows it: not every mount says on which side its tube hangs
+        if self._stood_deg is not None and abs(half_turn_deg(stands_deg - self._stood_deg)) > 90.0:
+            self._changes += 1
+        self._stood_deg = stands_deg
+        try:
+            self._points(self.aiming.axis_after(self._target, found))
+            self.out_of_reach = None
+            if self.aiming.point is not None and self._changes >= CHANGED_SIDES:
+                sure = self._changes >= 2 * CHANGED_SIDES
+                self.out_of_reach = self.aiming.between_sides(self._target, found, sure=sure)
+        except TargetNotReached as error:
+            # one false frame is no reason to give up
+            self.out_of_reach = error
         if found.segment_id != self._segment_id:
             # its zero points are new, and not by our doing: a late sync, a reboot, a slip
             self._steering.forget()
@@ -231,11 +287,22 @@ class Correcting:
             return None
         hole = steering.hole(found.mid_exposure_utc, found.after.side)
         if hole is None and self._astray and steering.looks >= ENOUGH_LOOKS:
-            off = separation_arcsec(found.seen, self._target)
+            off = separation_arcsec(found.seen, self.axis)
             if off < NEAR_ARCSEC:
                 return None
             return Hole(off, "wherever the mount is sent for either side of the pier, it takes the other one")
         return hole
+
+    async def _for_the_side(self, found: Look) -> None:
+        """If the mount will change sides for the next place, point to where the image stands then."""
+        side = found.after.side
+        if self.aiming.point is None or side is PierSide.UNKNOWN:
+            return
+        if await self._slewing.side_at(self.axis) is side.other:
+            with contextlib.suppress(TargetNotReached):
+                there = self.aiming.axis_after(self._target, found, flipped=True)
+                if await self._slewing.side_at(there) is side.other:
+                    self._points(there)
 
     async def _next_aim(self, found: Look) -> Icrs:
         """Beside the target, for the side on which the tube will hang there."""
@@ -252,7 +319,9 @@ class Correcting:
     async def correct(self, found: Look, decision: SyncDecision) -> Corrected:
         """Choose where to slew next, and sync the mount if that is the way."""
         why, outcome = "", None
-        if self._syncs and not self._equipment.guard.prefers_offset:
+        await self._for_the_side(found)
+        near_pole = self.aiming.point is not None and 90.0 - abs(found.seen.dec_deg) < self._policy.pole_deg
+        if self._syncs and not near_pole and not self._equipment.guard.prefers_offset:
             if decision.allowed:
                 outcome, why, again = await self._synced(found, decision)
                 if again is not None:
@@ -262,7 +331,7 @@ class Correcting:
                     self._steering.sighted(sighting, again.mid_exposure_utc)
                 if not why:
                     self._steering.believed(found.seen)
-                    self.aim = self._slewing.aimed(self._target, found.after.side)
+                    self.aim = self._slewing.aimed(self.axis, found.after.side)
                     return Corrected(Correction.SYNC, str(outcome), outcome)
             else:
                 why = f"not synced: {decision.why}"
@@ -342,7 +411,7 @@ class Correcting:
         self._note(f"synced at declination {below.dec_deg:.0f}°: without that it could not be reached")
         self._steering.forget()
         self._astray = False
-        self.aim = self._target
+        self.aim = self.axis
         return Corrected(Correction.SYNC, "synced far below the pole", outcome)
 
 

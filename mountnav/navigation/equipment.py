@@ -9,16 +9,18 @@ from typing import Protocol
 
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock, SystemClock
-from mountnav.devices import Camera, Mount
+from mountnav.devices import Camera, Mount, Rotator
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import Entry, EntryKind, Journal, Unwritten
 from mountnav.mount import CheckedMount, Deadman, FollowingPolicy
+from mountnav.navigation.aim_points import AimPoint
 from mountnav.navigation.frames_seen import FramesSeen
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.rates_kept import RatesKept
 from mountnav.navigation.reading_history import ReadingHistory
 from mountnav.navigation.reports import Listener
+from mountnav.navigation.rotator import CheckedRotator, RotatorRules
 from mountnav.navigation.sync import GuardedSync
 from mountnav.navigation.sync_policy import SyncPolicy
 from mountnav.pointing.limits import Limits, Mounting
@@ -70,6 +72,10 @@ class Equipment:
         Whether slews are aimed by the pointing model.
     frames : FramesSeen
         By which an old frame is known.
+    points : tuple of AimPoint
+        To which targets may be brought besides the frame's middle.
+    rotator : CheckedRotator or None
+        What turns the camera.
     rates : RatesKept
         How the mount keeps rates beside the sidereal one, as looks have shown.
     """
@@ -87,6 +93,8 @@ class Equipment:
     listen: Listener
     apply_model: bool = True
     frames: FramesSeen = field(default_factory=FramesSeen)
+    points: tuple[AimPoint, ...] = ()
+    rotator: CheckedRotator | None = None
     rates: RatesKept = field(default_factory=lambda: RatesKept(""))
 
     @property
@@ -141,6 +149,9 @@ def equip(
     apply_model: bool = True,
     learned: Learned | None = None,
     mounting: Mounting | None = None,
+    points: tuple[AimPoint, ...] = (),
+    rotator: Rotator | None = None,
+    rotator_rules: RotatorRules | None = None,
     following: FollowingPolicy | None = None,
     dead_man: Deadman | None = None,
 ) -> Equipment:
@@ -168,6 +179,12 @@ def equip(
         What is known of the camera already.
     mounting : {"german", "fork", "altaz"}, optional
         None: not known.
+    points : tuple of AimPoint
+        To which targets may be brought besides the frame's middle.
+    rotator : Rotator, optional
+        The driver of what turns the camera.
+    rotator_rules : RotatorRules, optional
+        Its cable limits, and what else the operator says of it.
     following : FollowingPolicy, optional
         Bounds of rates beside the stars' and of axes moved by hand.
     dead_man : Deadman, optional
@@ -198,6 +215,9 @@ def equip(
         clock=clock,
         listen=listen,
     )
+    held = None
+    if rotator is not None:
+        held = CheckedRotator(rotator, rotator_rules or RotatorRules(), name, clock, journal, listen)
     return Equipment(
         name=name,
         mount=checked,
@@ -211,6 +231,8 @@ def equip(
         readings=readings,
         listen=listen,
         apply_model=apply_model,
+        points=points,
+        rotator=held,
         rates=RatesKept(mount.name),
     )
 

@@ -127,6 +127,25 @@ class Learned:
         """Begin again: somebody has worked on the camera."""
         self._kept, self._aside, self._normal = [], [], None
 
+    def turned(self, by_deg: float | None) -> None:
+        """Take note that the camera was turned, and so its images are, from now on.
+
+        Parameters
+        ----------
+        by_deg : float or None
+            On the sky, from north through east; None: by an unknown angle, then it is learned anew.
+        """
+        self._aside = []
+        if by_deg is None:
+            # as if taken at the pole, where an angle says nothing
+            self._kept = [replace(sample, cos_latitude=0.0) for sample in self._kept]
+        else:
+            self._kept = [
+                replace(sample, axis_angle_deg=(sample.axis_angle_deg + by_deg) % 360.0)
+                for sample in self._kept
+            ]
+        self._normal = normal_of(self._kept, self.rules)
+
     def of_another(self) -> Learned:
         """One for another camera, by the same rules, that knows nothing yet."""
         made = copy(self)
@@ -183,6 +202,23 @@ class Learned:
         if abs(off_deg) <= allowed_deg:
             return PierSide.EAST
         return PierSide.WEST if abs(apart_deg(off_deg, 180.0)) <= allowed_deg else PierSide.UNKNOWN
+
+    def angle_on(self, side: PierSide) -> float | None:
+        """Angle of the image's +y from the mount's north on that side of the pier; None where it isn't known.
+
+        Parameters
+        ----------
+        side : PierSide
+            Of no account for a fork and an alt-azimuth mount.
+        """
+        normal = self._normal
+        if normal is None or normal.camera_angle_deg is None:
+            return None
+        if self.rules.mounting in ("fork", "altaz"):
+            return normal.camera_angle_deg
+        if side is PierSide.UNKNOWN or normal.modulo_deg < 360.0:
+            return None
+        return (normal.camera_angle_deg + (180.0 if side is PierSide.WEST else 0.0)) % 360.0
 
     def judges_rotation(self, sample: CameraSample) -> bool:
         """Whether the camera's angle is known, and means something at the sample's place."""

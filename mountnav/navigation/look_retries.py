@@ -59,6 +59,11 @@ def cheap(persistence: Persistence, frames: int) -> Persistence:
     return replace(persistence, tactics=persistence.tactics & CHEAP, max_frames=frames)
 
 
+_POOR = (Trouble.FEW_STARS, Trouble.POOR_FIELD, Trouble.WRONG_PLACE)
+"""Troubles that a look beside the place may not have."""
+_SEARCH = "; if it must be seen, order spiral-search: it looks round the place until a frame is solved"
+
+
 class PersistentLook:
     """One look, with all that is tried to get it solved.
 
@@ -261,7 +266,8 @@ class PersistentLook:
             f"{frames} frame(s) could not be identified: {verdict.reason} ({verdict.detail})"
             + (f"; tried: {tried}" if tried else ""),
             device=self._equipment.camera.name,
-            advice="nothing was synced; check focus, cloud, exposure and the configured scale",
+            advice="nothing was synced; check focus, cloud, exposure and the configured scale"
+            + (_SEARCH if trouble_of(verdict) in _POOR and self._equipment.trusted else ""),
             reason=str(verdict.reason),
         )
 

@@ -25,8 +25,14 @@ from mountnav.errors import (
 from mountnav.journal.records import because, cause
 from mountnav.mount import CheckedMount
 from mountnav.navigation.equipment import Listener
+from mountnav.navigation.rotator import CheckedRotator
 
 __all__ = ["MountOrders"]
+
+
+ROTATOR_STOPS_S = 1.0
+"""So long a stop waits for a rotator that we don't turn, s: another program may. Doubled, the stop of a mount
+whose rotator is switched off is answered a second later."""
 
 
 class MountOrders:
@@ -39,6 +45,8 @@ class MountOrders:
     camera : Camera
         Opened, closed and aborted with the mount.
     listen : callable
+    rotator : CheckedRotator, optional
+        Opened, closed and stopped with the mount: it moves as well.
 
     Attributes
     ----------
@@ -50,10 +58,18 @@ class MountOrders:
         What an operator should know.
     """
 
-    def __init__(self, name: str, mount: CheckedMount, camera: Camera, listen: Listener) -> None:
+    def __init__(
+        self,
+        name: str,
+        mount: CheckedMount,
+        camera: Camera,
+        listen: Listener,
+        rotator: CheckedRotator | None = None,
+    ) -> None:
         self.name = name
         self.mount = mount
         self.camera = camera
+        self.rotator = rotator
         self.activity = "idle"
         self.connected = False
         self.problem: str | None = None
@@ -67,27 +83,63 @@ class MountOrders:
         try:
             await self.camera.open()
             await self.mount.open()
+            await self._open_rotator()
         except DeviceError as error:
             self.connected, self.problem = False, str(error)
             raise
         self.connected, self.problem = True, None
 
+    async def _open_rotator(self) -> None:
+        """One that is missing is tried again when it is needed: without it everything else works."""
+        if self.rotator is None:
+            return
+        try:
+            await self.rotator.open()
+        except DeviceError as error:
+            self._listen("rotator-missing", {"problem": str(error)})
+
     async def close(self) -> None:
-        """Release both devices."""
+        """Release all devices."""
         self.connected = False
         try:
             await self.mount.close()
         finally:
+            if self.rotator is not None:
+                await self.rotator.close()
             await self.camera.close()
 
     async def stop(self) -> None:
-        """Stop the mount now, whatever else is going on; then end a running exposure."""
+        """Stop the mount now, whatever else is going on, and what else moves; then end a running exposure.
+
+        Raises
+        ------
+        DeviceError
+            One of them could not be stopped; the others were.
+        """
         self._listen("stopping", {})
         try:
-            await self.mount.stop()
+            if self.rotator is None:
+                await self.mount.stop()
+            else:
+                await self._stop_both(self.rotator)
         finally:
             await self.camera.abort()
         self._listen("stopped", {})
+
+    async def _stop_both(self, rotator: CheckedRotator) -> None:
+        """Stop mount and rotator at once; one that we don't turn and that can't be reached is no trouble."""
+        turning = rotator.turning
+
+        async def stop_rotator() -> None:
+            async with asyncio.timeout(None if turning else ROTATOR_STOPS_S):
+                await rotator.stop()
+
+        both = await asyncio.gather(self.mount.stop(), stop_rotator(), return_exceptions=True)
+        for trouble in both[: 2 if turning else 1]:
+            if isinstance(trouble, BaseException):
+                raise trouble
+        if both[1] is not None:
+            self._listen("rotator-stop-failed", {"problem": str(both[1]) or type(both[1]).__name__})
 
     @asynccontextmanager
     async def work(self, activity: str, *, halts: bool = True) -> AsyncIterator[None]:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime
 
 from mountnav.devices import for_mount, from_mount
 from mountnav.ephemeris import Ephemeris
-from mountnav.errors import DeviceError, NotReached, TargetNotReached
+from mountnav.errors import BadRequest, DeviceError, DeviceRefused, NotReached, TargetNotReached
 from mountnav.frames import Frame
 from mountnav.journal.records import EntryKind
 from mountnav.mount import CheckedMount
+from mountnav.navigation.aim_points import AimPoint, by_name
+from mountnav.navigation.aiming import Aiming, point_seen
 from mountnav.navigation.centering import center_in_time
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.first_light import first_light
@@ -27,6 +29,7 @@ from mountnav.navigation.holding import (
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.look import at_instant
 from mountnav.navigation.look_retries import PersistentLook, cheap
+from mountnav.navigation.mosaicking import Mosaicking, MosaicReport, MosaicWait, PanelReport
 from mountnav.navigation.mount_orders import MountOrders
 from mountnav.navigation.moving import MovingTarget, Target
 from mountnav.navigation.outside_frames import WITHIN, By, Judged, compare_frame, correct
@@ -41,16 +44,20 @@ from mountnav.navigation.reports import (
     FrameLook,
     Look,
     RecoverReport,
+    Rotation,
     SlewReport,
     SyncReport,
     TelescopeState,
 )
+from mountnav.navigation.rotating import FieldAngle, Rotating, Shown, require_angle
+from mountnav.navigation.searching import SearchBounds, SearchReport, field_deg, search
 from mountnav.navigation.slewing import Slewing
 from mountnav.navigation.sync import GuardedSync, SyncTrigger
 from mountnav.pointing.limits import Limits
 from mountnav.pointing.model.in_force import Pointing
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Icrs
+from mountnav.sky.patterns import Panel
 from mountnav.sky.sphere import displaced
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings
@@ -112,6 +119,14 @@ async def state_of(
     )
 
 
+def _shown(report: CenterReport) -> Shown:
+    """The position angle that a centering's last look showed: of its point, or of the image."""
+    assert report.last is not None
+    assert report.rotation_deg is not None
+    angle_deg = report.rotation_deg if report.at is None else report.at.position_angle_deg
+    return angle_deg, report.last
+
+
 def _trusted(mount: CheckedMount) -> bool | None:
     """Whether its position counts; None of one that doesn't know, as long as nothing speaks against it."""
     return mount.trusted if mount.tells_trust or not mount.trusted else None
@@ -127,10 +142,14 @@ class Navigator(MountOrders):
     """
 
     def __init__(self, equipment: Equipment) -> None:
-        super().__init__(equipment.name, equipment.mount, equipment.camera, equipment.listen)
+        super().__init__(
+            equipment.name, equipment.mount, equipment.camera, equipment.listen, equipment.rotator
+        )
         self._equipment = equipment
         self._slewing = Slewing(equipment)
         self._holding: Holding | None = None
+        self._field: FieldAngle | None = None
+        self._mosaicking: Mosaicking | None = None
         self._following: Following | None = None
 
     # -- what is known -------------------------------------------------------------------------------
@@ -178,6 +197,15 @@ class Navigator(MountOrders):
             problem=self.problem,
         )
 
+    @property
+    def points(self) -> tuple[AimPoint, ...]:
+        """Named points to which targets may be brought besides the frame's middle."""
+        return self._equipment.points
+
+    def point(self, at: AimPoint | str | None) -> AimPoint | None:
+        """A point, or the one of that name. Raises `BadRequest`."""
+        return by_name(self.points, at, device=self.name) if isinstance(at, str) else at
+
     def believed(self, utc: datetime) -> Icrs | None:
         """Where the mount believed to point at `utc`; None when it wasn't read round that time."""
         around = self._equipment.readings.around(utc, utc, WITHIN)
@@ -185,7 +213,13 @@ class Navigator(MountOrders):
 
     # -- looks and syncs -----------------------------------------------------------------------------
 
-    async def look(self, exposure_s: float | None = None, *, persistent: bool = False) -> Look:
+    async def look(
+        self,
+        exposure_s: float | None = None,
+        *,
+        persistent: bool = False,
+        at: AimPoint | str | None = None,
+    ) -> Look:
         """Expose and solve; compare with the mount's belief. Moves nothing.
 
         Parameters
@@ -194,16 +228,21 @@ class Navigator(MountOrders):
             Instead of the policy's.
         persistent : bool
             Try all that the policy allows and nothing moves for; else another frame and longer exposures.
+        at : AimPoint or str, optional
+            Tell where this point looks, too (`Look.at`).
 
         Raises
         ------
+        BadRequest
+            There is no such point, or it isn't within the frame.
         SolveFailed, MountMoved, BadFrame, DeviceError, JournalFailed
         """
-        policy = self.policy
+        policy, point = self.policy, self.point(at)
         persistence = policy.persistence if persistent else cheap(policy.persistence, policy.solve_retries)
         async with self.work("looking"):
             looking = PersistentLook(self._equipment, policy, persistence, used="look")
-            return (await looking.look(exposure_s)).look
+            found = (await looking.look(exposure_s)).look
+        return found if point is None else replace(found, at=point_seen(point, found))
 
     async def frame(self, frame: Frame, verdict: Verdict, *, used: str = "night") -> FrameLook:
         """Compare a frame of another program with the mount's readings round it. See `compare_frame`."""
@@ -256,23 +295,33 @@ class Navigator(MountOrders):
 
     # -- motion --------------------------------------------------------------------------------------
 
-    async def slew(self, target: Target) -> SlewReport:
+    async def slew(self, target: Target, *, at: AimPoint | str | None = None) -> SlewReport:
         """Go to `target` as the mount, and the pointing model where one is in force, believe it.
 
         To where it will be on arrival, if it moves.
 
+        Parameters
+        ----------
+        at : AimPoint or str, optional
+            Bring it to this point, as far as solves have taught where that looks; else to the frame's middle.
+
         Raises
         ------
+        BadRequest
+            There is no such point, or nobody knows yet where it looks.
         OutsideLimits
             Target or way are not allowed; nothing moved.
         DeviceRefused
             The mount said no.
         Cancelled, TargetNotReached, DeviceError, JournalFailed
         """
+        aiming = Aiming(self._equipment, self.point(at))
         async with self.work("slewing"):
+            self._field = None
             place = await self._on_arrival(target)
-            aim = self._slewing.aimed(place, await self._slewing.side_at(place))
-            return await self._slewing.slew(place, aim)
+            side = await self._slewing.side_at(place)
+            axis = aiming.require_known(place, side)
+            return await self._slewing.slew(axis, self._slewing.aimed(axis, side))
 
     async def _on_arrival(self, target: Target) -> Icrs:
         """Where a target is, or will be at the end of a slew that begins now. Raises `BadRequest`."""
@@ -334,8 +383,10 @@ class Navigator(MountOrders):
         correct_by: CorrectBy | str | None = None,
         planned_s: float | None = None,
         key: str | None = None,
+        at: AimPoint | str | None = None,
+        angle: FieldAngle | None = None,
     ) -> CenterReport:
-        """Slew, look, correct, slew again, verify, until `target` is at the frame's center.
+        """Slew, look, correct, slew again, verify, until `target` is at the frame's center, or at a point.
 
         Parameters
         ----------
@@ -345,6 +396,11 @@ class Navigator(MountOrders):
             How long it is to be followed: the answer says which limit comes before that.
         key : str, optional
             Its name, for the policy of syncs.
+        at : AimPoint or str, optional
+            To which point it is brought, and where its error is judged, by the solved plate.
+        angle : FieldAngle, optional
+            How the image is to stand then; of a point, its own direction. After each turn of the rotator it
+            is centered again, and looked at.
 
         Returns
         -------
@@ -355,6 +411,8 @@ class Navigator(MountOrders):
         ------
         TargetNotReached
             With the reason: tries, time, a tube that doesn't follow, ...
+        BadRequest
+            There is no such point, or it isn't within the frame.
         OutsideLimits, SolveFailed, OffsetTooLarge, SyncRefused, MountMoved, DeviceError, JournalFailed
         """
         given = {
@@ -363,8 +421,29 @@ class Navigator(MountOrders):
             "timeout_s": timeout_s,
             "correct_by": None if correct_by is None else CorrectBy(correct_by),
         }
+        point = self.point(at)
+        if angle is not None:
+            require_angle(angle)
         policy = replace(self.policy, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
         async with self.work("centering"):
+            self._field = None
+            report = await self._centered(target, policy, point, angle, planned_s, key)
+            self._field = angle
+            return report
+
+    async def _centered(
+        self,
+        target: Target,
+        policy: CenteringPolicy,
+        point: AimPoint | None,
+        angle: FieldAngle | None,
+        planned_s: float | None,
+        key: str | None,
+        begun: CenterReport | None = None,
+    ) -> CenterReport:
+        """Center, unless that is done, and turn the field, until both are right."""
+
+        async def center() -> CenterReport:
             return await center_in_time(
                 self._equipment,
                 self._slewing,
@@ -373,10 +452,154 @@ class Navigator(MountOrders):
                 halt=self.halt,
                 planned_s=planned_s,
                 key=key,
+                point=point,
+            )
+
+        latest = begun or await center()
+        if angle is None:
+            return latest
+
+        async def again() -> Shown:
+            nonlocal latest
+            latest = await center()
+            return _shown(latest)
+
+        rotating = Rotating(self._equipment, self.rotator)
+        rotation = await rotating.bring(angle, _shown(latest), again)
+        return replace(latest, rotation=rotation, notes=(*latest.notes, *rotation.notes))
+
+    async def rotate(
+        self, angle: FieldAngle, *, exposure_s: float | None = None, trust_count: bool = False
+    ) -> Rotation:
+        """Turn the field to a position angle where the telescope stands; nothing is slewed.
+
+        Parameters
+        ----------
+        trust_count : bool
+            An operator's word that the rotator's cables lie as its count says.
+
+        Returns
+        -------
+        Rotation
+
+        Raises
+        ------
+        DeviceRefused
+            There is no rotator, or its cable limits don't allow it; its count was disproved by a solve.
+        TargetNotReached
+            The rotator, or the image on it, didn't turn as ordered.
+        BadRequest, SolveFailed, MountMoved, BadFrame, Cancelled, DeviceError, JournalFailed
+        """
+        require_angle(angle)
+        async with self.work("rotating"):
+            if trust_count and self.rotator is not None:
+                self.rotator.trust()
+            persistence = cheap(self.policy.persistence, self.policy.solve_retries)
+
+            async def look() -> Shown:
+                looking = PersistentLook(self._equipment, self.policy, persistence, used="rotating")
+                found = (await looking.look(exposure_s)).look
+                return found.solution.rotation_deg, found
+
+            return await Rotating(self._equipment, self.rotator).bring(angle, await look(), look)
+
+    async def mosaic(
+        self,
+        panels: Sequence[Panel],
+        *,
+        wait: MosaicWait,
+        from_panel: int = 1,
+        turned: bool = False,
+        angle_tolerance_deg: float | None = None,
+        tolerance_arcsec: float | None = None,
+        at: AimPoint | str | None = None,
+        heard: Callable[[PanelReport], None] | None = None,
+    ) -> MosaicReport:
+        """Go through the panels of a mosaic, or of a pattern; each is centered, and left to the camera.
+
+        Parameters
+        ----------
+        panels : sequence of Panel
+            As `mountnav.sky.patterns` lays them out.
+        wait : MosaicWait
+            What each is left for.
+        from_panel : int
+            Number of the first one: what an earlier order has done needn't be done again.
+        turned : bool
+            Whether each image is to stand at its panel's position angle.
+        heard : callable, optional
+            Told of each panel when it is centered, and when it ends.
+
+        Raises
+        ------
+        OutsideLimits
+            No panel is allowed now; it tells when. Nothing moved.
+        TargetNotReached
+            The camera program said nothing for too long, or some panels in a row couldn't be centered; it
+            tells with which panel to begin again.
+        BadRequest, Cancelled, DeviceError, JournalFailed
+        """
+        point, policy = self.point(at), self.policy
+        if tolerance_arcsec is not None:
+            policy = replace(policy, tolerance_arcsec=tolerance_arcsec)
+
+        async def center(panel: Panel) -> CenterReport:
+            angle = FieldAngle(panel.position_angle_deg, angle_tolerance_deg) if turned else None
+            return await self._centered(panel.place, policy, point, angle, None, None)
+
+        async with self.work("mosaic"):
+            self._field = None
+            run = Mosaicking(self._equipment, panels, wait, center, heard or (lambda report: None))
+            self._mosaicking = run
+            try:
+                return await run.run(from_panel)
+            finally:
+                self._mosaicking = None
+
+    @property
+    def panel_waits(self) -> bool:
+        """Whether a mosaic's panel is centered, and waits for the camera program."""
+        return self._mosaicking is not None and self._mosaicking.waiting
+
+    def next_panel(self) -> int:
+        """Say that the camera is through with a frame of a mosaic's panel; how many are wanted yet of it.
+
+        Raises
+        ------
+        BadRequest
+            No mosaic runs, or its panel isn't centered yet.
+        """
+        if self._mosaicking is None:
+            raise BadRequest("no mosaic is under way", device=self.name)
+        return self._mosaicking.signal()
+
+    @property
+    def field_deg(self) -> tuple[float, float] | None:
+        """Width and height of the look camera's field, by what was learned; None if that isn't enough."""
+        return field_deg(self._equipment, self.policy)
+
+    async def spiral_search(
+        self, target: Target, bounds: SearchBounds, *, exposure_s: float | None = None
+    ) -> SearchReport:
+        """Look round the target, step by step, until a frame is solved; then center it. See `search`."""
+        async with self.work("searching"):
+            self._field = None
+            place = await self._on_arrival(target)
+
+            async def center() -> CenterReport:
+                return await self._centered(target, self.policy, None, None, None, None)
+
+            return await search(
+                self._equipment, self._slewing, self.policy, place, bounds, center, exposure_s
             )
 
     async def flip(
-        self, target: Target, *, planned_s: float | None = None, key: str | None = None
+        self,
+        target: Target,
+        *,
+        planned_s: float | None = None,
+        key: str | None = None,
+        at: AimPoint | str | None = None,
     ) -> CenterReport:
         """Let a German mount change sides, and center `target` again, whatever was synced before.
 
@@ -385,17 +608,11 @@ class Navigator(MountOrders):
         TargetNotReached
             Centered, and still on the same side (`NotReached.SIDE`); or as `center`.
         """
+        point = self.point(at)
         async with self.work("flipping"):
             before = (await self.mount.reading()).pier_side
-            report = await center_in_time(
-                self._equipment,
-                self._slewing,
-                target,
-                self.policy,
-                halt=self.halt,
-                planned_s=planned_s,
-                key=key,
-            )
+            angle = self._field
+            report = await self._centered(target, self.policy, point, None, planned_s, key)
             if before is not None and report.side is before and not report.flipped:
                 raise TargetNotReached(
                     f"centered, but the tube still hangs {before} of the pier",
@@ -403,7 +620,26 @@ class Navigator(MountOrders):
                     advice="the target must have crossed the meridian, by as much as the mount asks for",
                     reason=NotReached.SIDE,
                 )
-            return report
+            if angle is None:
+                return report
+            return await self._turned_with_it(report, target, point, angle, planned_s, key)
+
+    async def _turned_with_it(
+        self,
+        report: CenterReport,
+        target: Target,
+        point: AimPoint | None,
+        angle: FieldAngle,
+        planned_s: float | None,
+        key: str | None,
+    ) -> CenterReport:
+        """The field as it stood before the flip; or why it stands on its head now."""
+        try:
+            return await self._centered(target, self.policy, point, angle, planned_s, key, report)
+        except DeviceRefused as error:
+            words = f"the field didn't turn with the flip, it stands on its head: {error.what}"
+            await self._equipment.note(EntryKind.DECISION, words, {"wanted_deg": angle.position_angle_deg})
+            return replace(report, notes=(*report.notes, words))
 
     async def follow(
         self,
@@ -415,6 +651,7 @@ class Navigator(MountOrders):
         look_every_s: float | None = None,
         heard: Callable[[FollowProgress], None] | None = None,
         key: str | None = None,
+        at: AimPoint | str | None = None,
     ) -> FollowReport:
         """Center a target that moves, and track it until an end: by rates, guide pulses or small slews.
 
@@ -432,6 +669,8 @@ class Navigator(MountOrders):
             Told how it goes, after each look.
         key : str, optional
             Its name, for the policy of syncs.
+        at : AimPoint or str, optional
+            To which point it is brought, and kept at, by what solves have taught of the camera.
 
         Returns
         -------
@@ -455,7 +694,12 @@ class Navigator(MountOrders):
             tolerance_arcsec=self.policy.tolerance_arcsec if tolerance_arcsec is None else tolerance_arcsec,
             exposure_s=self.policy.exposure_s if exposure_s is None else exposure_s,
         )
+        aiming = Aiming(self._equipment, self.point(at))
         async with self.work("following"):
+            self._field = None
+            if aiming.point is not None:
+                side = await self._slewing.side_at(target.icrs(self._equipment.clock.utc(), self.mount.site))
+                target = aiming.path(target, side)
             run = Following(
                 self._equipment,
                 self._slewing,

@@ -30,11 +30,14 @@ __all__ = [
     "FrameLook",
     "Listener",
     "Look",
+    "PointSeen",
     "RecoverReport",
+    "Rotation",
     "SlewReport",
     "SyncReport",
     "TelescopeState",
     "Try",
+    "Turn",
     "angle_words",
     "camera_of",
     "finite_or_none",
@@ -197,6 +200,14 @@ class CenterReport:
         The pointing model that aimed.
     notes : tuple of str
         What an operator should know, in words with numbers.
+    at : PointSeen or None
+        Where the point looked to which the target was brought; None: the frame's middle.
+    rotation_deg : float or None
+        Of the last frame: position angle of its +y.
+    last : Look or None
+        The last look.
+    rotation : Rotation or None
+        What came of the position angle that was asked for.
     target_name : str
         Of a target that moves; empty of a fixed one.
     target_utc : datetime or None
@@ -223,10 +234,91 @@ class CenterReport:
     crossing: Crossing | None = None
     model_id: str | None = None
     notes: tuple[str, ...] = ()
+    at: PointSeen | None = None
+    rotation_deg: float | None = None
+    last: Look | None = None
+    rotation: Rotation | None = None
     target_name: str = ""
     target_utc: datetime | None = None
     target_sigma_arcsec: float = 0.0
     target_rates: SkyRates | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """One turn of a rotator that was made.
+
+    Attributes
+    ----------
+    from_deg, to_deg : float
+        Its count before, and where it was sent; between the cable limits.
+    came_deg : float
+        Its count afterwards.
+    elapsed_s : float
+    """
+
+    from_deg: float
+    to_deg: float
+    came_deg: float
+    elapsed_s: float
+
+    @property
+    def by_deg(self) -> float:
+        """How far it turned, by its count."""
+        return self.came_deg - self.from_deg
+
+
+@dataclass(frozen=True, slots=True)
+class Rotation:
+    """A field that was brought to a position angle.
+
+    Attributes
+    ----------
+    wanted_deg, before_deg, after_deg : float
+        Position angles: as ordered, and as solves showed it before and afterwards.
+    off_deg : float
+        What is left, within the tolerance.
+    tolerance_deg : float
+    turns : tuple of Turn
+        By the rotator's count.
+    sense : int or None
+        Whether position angles grow with the rotator's count; None while that isn't known.
+    notes : tuple of str
+        What an operator should know.
+    """
+
+    wanted_deg: float
+    before_deg: float
+    after_deg: float
+    off_deg: float
+    tolerance_deg: float
+    turns: tuple[Turn, ...] = ()
+    sense: int | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PointSeen:
+    """Where a point beside the frame's middle looked.
+
+    Attributes
+    ----------
+    name : str
+        Empty for one that was named by its pixel alone.
+    place : Icrs
+    x_px, y_px : float or None
+        In the frames as they are, from 0; None for another tube.
+    from_middle_arcsec : float
+    position_angle_deg : float
+        Of the point's own direction.
+    """
+
+    name: str
+    place: Icrs
+    x_px: float | None
+    y_px: float | None
+    from_middle_arcsec: float
+    position_angle_deg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,6 +347,8 @@ class Look:
         Pointing model in force.
     camera : CameraIdentity or None
         Whose frame it is.
+    at : PointSeen or None
+        Where the point looked that was asked for.
     """
 
     look_id: str
@@ -272,6 +366,7 @@ class Look:
     segment_id: str = ""
     model_id: str | None = None
     camera: CameraIdentity | None = None
+    at: PointSeen | None = None
 
     @property
     def blind(self) -> bool:

@@ -5,6 +5,7 @@ On which side of the pier the tube hangs is known from the mount and from the so
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import datetime, timedelta
 
 from mountnav.devices import PierSide, Skill, SlewOutcome, for_mount, from_mount
@@ -152,9 +153,11 @@ class Slewing:
         """
         aim = target if aim is None else aim
         await self._check(target)
-        if approach is not None:
-            await self._leg(displaced(aim, approach.east_arcsec, approach.north_arcsec))
-        return await self._leg(aim)
+        if approach is None:
+            return await self._leg(aim)
+        first = await self._leg(displaced(aim, approach.east_arcsec, approach.north_arcsec))
+        # the tube may have changed sides on the first leg
+        return replace(await self._leg(aim), side_before=first.side_before)
 
     async def _check(self, target: Icrs) -> None:
         equipment = self._equipment

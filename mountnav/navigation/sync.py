@@ -138,6 +138,11 @@ class GuardedSync:
         """What is known of the camera."""
         return self._judge.learned
 
+    @property
+    def camera(self) -> str:
+        """Whose `learned` is, as `CameraIdentity` is written; empty until a frame has shown it."""
+        return self._judge.camera
+
     def looks_through(self, camera: CameraIdentity) -> None:
         """Take note of the camera that looks: `learned` is what is known of it."""
         self._judge.looks_through(camera)

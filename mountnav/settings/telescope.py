@@ -10,6 +10,7 @@ from urllib.parse import quote
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from mountnav.settings.aiming import MOST_POINTS, SIMULATED_ROTATOR, PointSettings, RotatorSettings
 from mountnav.settings.centering import CenteringSettings
 from mountnav.settings.following import FollowingSettings
 from mountnav.settings.limits import LimitSettings
@@ -202,6 +203,34 @@ class TelescopeSettings(Section):
     sync: SyncSettings = SyncSettings()
     model: ModelSettings = ModelSettings()
     night: NightSettings = NightSettings()
+    point: tuple[PointSettings, ...] = Field(default=(), max_length=MOST_POINTS)
+    rotator: RotatorSettings | None = None
+
+    @model_validator(mode="after")
+    def _points_and_rotator(self) -> Self:
+        names = [point.name for point in self.point]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise PydanticCustomError(
+                "point_twice",
+                "the point {name} stands twice",
+                {"name": twice[0], "key": "point", "fix": "give each point a name of its own"},
+            )
+        if self.rotator is None:
+            return self
+        if any(point.east_arcsec is not None for point in self.point):
+            raise PydanticCustomError(
+                "turned_offset",
+                "another tube's offset is measured in the image, and the rotator turns the image",
+                {"key": "rotator", "fix": "remove the point with east_arcsec, or the rotator"},
+            )
+        simulated = isinstance(self.camera, SimulatedCameraSettings)
+        if self.rotator.url == SIMULATED_ROTATOR and not simulated:
+            raise PydanticCustomError(
+                "simulated_rotator_on_real",
+                "a simulated rotator can only turn a simulated camera",
+                {"key": "rotator", "fix": "write the rotator's own url, or remove it"},
+            )
+        return self
 
     @model_validator(mode="after")
     def _sun_needs_a_filter(self) -> Self:

@@ -49,6 +49,9 @@ class SeenThrough:
         One-sigma error per coordinate of a solved center, in pixels.
     usual_exposure_s : float
         Below it stars get few.
+    distortion_px2 : float
+        What appears at r pixels from the middle belongs at r · (1 - distortion_px2 · r²); the solver finds
+        that.
     """
 
     width_px: int = 3000
@@ -57,6 +60,7 @@ class SeenThrough:
     parity: int = 1
     sigma_px: float = 0.1
     usual_exposure_s: float = 5.0
+    distortion_px2: float = 0.0
 
 
 class SkySeen:
@@ -291,11 +295,14 @@ class SkySeen:
         self, center: Icrs, scale_arcsec_px: float, rotation_deg: float, parity: int
     ) -> dict[str, str | int | float]:
         scale_deg, turn = scale_arcsec_px / 3600.0, math.radians(rotation_deg)
+        bend = self.through.distortion_px2
+        cubic = dict.fromkeys(("A_3_0", "A_1_2", "B_2_1", "B_0_3"), -bend)
+        sip = {"A_ORDER": 3, "B_ORDER": 3, **cubic} if bend else {}
         # +y looks along the position angle; +x, as the sky is seen, a right angle to the west of it
         return {
             "WCSAXES": 2,
-            "CTYPE1": "RA---TAN",
-            "CTYPE2": "DEC--TAN",
+            "CTYPE1": "RA---TAN-SIP" if sip else "RA---TAN",
+            "CTYPE2": "DEC--TAN-SIP" if sip else "DEC--TAN",
             "CUNIT1": "deg",
             "CUNIT2": "deg",
             "RADESYS": "ICRS",
@@ -309,6 +316,7 @@ class SkySeen:
             "CD2_2": scale_deg * math.cos(turn),
             "IMAGEW": self.through.width_px,
             "IMAGEH": self.through.height_px,
+            **sip,
         }
 
     def _pairs(self, center: Icrs, pairs: int, rms: float, chance: np.random.Generator) -> IdentifiedPairs:

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from drivers.simulated.behavior import MountBehavior
 from drivers.simulated.mount import SimulatedMount
+from drivers.simulated.rotator import simulated_rotator
 from drivers.simulated.truth_camera import TruthCamera
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.devices import Mount
@@ -19,6 +20,7 @@ from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
+from mountnav.simulation.rotator_mechanics import RotatorBehavior, RotatorMechanics
 from mountnav.simulation.sky_script import SkyScript
 from mountnav.simulation.sky_seen import SeenThrough, SkySeen
 from mountnav.simulation.virtual_time import VirtualClock, run_virtually
@@ -55,6 +57,13 @@ class VirtualRig:
     journal: MemoryJournal
     clock: VirtualClock
     events: list[tuple[str, dict[str, object]]] = field(default_factory=list)
+    rotates: RotatorMechanics | None = None
+
+    @property
+    def turned_deg(self) -> float:
+        """How the camera truly stands on the sky: position angle of its +y."""
+        assert self.rotates is not None
+        return (self.mechanics.tube_angle_deg(self.clock.utc()) + self.rotates.camera_deg()) % 360.0
 
     def up(self, ha_deg: float, dec_deg: float) -> Icrs:
         """A place that stands at this hour angle now."""
@@ -84,6 +93,8 @@ def in_virtual_time(
     policy: CenteringPolicy = POLICY,
     turned_deg: float = 33.0,
     wrap: Callable[[Mount], Mount] = lambda mount: mount,
+    rotates: RotatorBehavior | None = None,
+    rotator_starts_deg: float = 0.0,
     made: type[SimulatedMount] = SimulatedMount,
     **given: Any,
 ) -> Result:
@@ -92,7 +103,12 @@ def in_virtual_time(
     mechanics = Mechanics(SITE, AIR, errors, machine=machine, clock=clock)
     mount = made(mechanics, clock, behavior or MountBehavior())
     script = script or SkyScript()
-    camera = TruthCamera(mechanics, clock, script, through, turned_deg=turned_deg)
+    rotator = None
+    if rotates is not None:
+        rotator = RotatorMechanics(clock, rotates, starts_deg=rotator_starts_deg, zero_deg=turned_deg)
+        given["rotator"] = simulated_rotator(rotator, clock)
+    stands = turned_deg if rotator is None else rotator.camera_deg
+    camera = TruthCamera(mechanics, clock, script, through, turned_deg=stands)
     sky = SkySeen(script, clock, through)
     journal = MemoryJournal()
     events: list[tuple[str, dict[str, object]]] = []
@@ -117,7 +133,8 @@ def in_virtual_time(
         )
         await navigator.open()
         try:
-            return await work(VirtualRig(navigator, mount, mechanics, camera, sky, journal, clock, events))
+            rig = VirtualRig(navigator, mount, mechanics, camera, sky, journal, clock, events, rotator)
+            return await work(rig)
         finally:
             await navigator.close()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Query
+from pydantic import BaseModel, Field
 
 from api.access.security import TheCaller
 from api.http.job_requests import PREFERENCE_APPLIED, ThePatience
@@ -37,6 +38,21 @@ async def get_job(job: TheJob, patience: ThePatience) -> JobView:
     """One job; with `wait`, as soon as it has ended, or when that time has passed."""
     await patience.wait(job)
     return job_view(job)
+
+
+class NextView(BaseModel):
+    """How a mosaic goes on."""
+
+    left: int = Field(description="So many are wanted yet of the present panel; 0: the next one begins")
+
+
+@router.post("/jobs/{job_id}/next", responses=responses(400, 403, 404, 409))
+async def next_panel(service: TheService, job: TheJob, caller: TheCaller) -> NextView:
+    """Say that the camera is through with a frame of a mosaic's panel. No body.
+
+    After as many as the order's `frames` the next panel begins.
+    """
+    return NextView(left=service.dispatcher.next_panel(caller, job))
 
 
 @router.delete("/jobs/{job_id}", responses=responses(404))

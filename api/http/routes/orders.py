@@ -23,6 +23,8 @@ from api.orders.vocabulary import (
     HomeOrder,
     LookBody,
     LookOrder,
+    MosaicBody,
+    MosaicOrder,
     MoveAxisBody,
     MoveAxisOrder,
     OffsetBody,
@@ -32,8 +34,12 @@ from api.orders.vocabulary import (
     Order,
     ParkOrder,
     RecoverOrder,
+    RotateBody,
+    RotateOrder,
+    SearchBody,
     SlewBody,
     SlewOrder,
+    SpiralSearchOrder,
     SyncOrder,
     TrackingBody,
     TrackingOrder,
@@ -73,6 +79,27 @@ async def center_telescope(ordering: TheOrdering, body: _Center) -> JobView:
 async def flip_telescope(ordering: TheOrdering, body: FlipBody) -> JobView:
     """Let a German mount change sides, and center the target anew, whatever was synced before."""
     return await ordering.take(body.order(FlipOrder))
+
+
+@router.post("/rotate", status_code=202, responses=STARTING)
+async def rotate_telescope(ordering: TheOrdering, body: RotateBody) -> JobView:
+    """Turn the field to a position angle where the telescope stands; looks confirm it."""
+    return await ordering.take(body.order(RotateOrder))
+
+
+@router.post("/mosaic", status_code=202, responses=STARTING)
+async def mosaic_telescope(ordering: TheOrdering, body: MosaicBody) -> JobView:
+    """Center each panel of a mosaic, one after the other, and leave it to the camera.
+
+    With `until` = next each panel is kept until `POST /v1/jobs/{id}/next` was called `frames` times.
+    """
+    return await ordering.take(body.order(MosaicOrder))
+
+
+@router.post("/spiral-search", status_code=202, responses=STARTING)
+async def search_with_telescope(ordering: TheOrdering, body: SearchBody) -> JobView:
+    """Look round a place, step by step, until a frame is solved; then center it. Nothing found: go back."""
+    return await ordering.take(body.order(SpiralSearchOrder))
 
 
 @router.post("/follow", status_code=202, responses=STARTING)

@@ -1,0 +1,222 @@
+"""A whole rotator over simulated mechanics, in virtual time: turns, stops, and each known way to go wrong."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, TypeVar
+
+import pytest
+
+from drivers.generic.rotator import GenericRotator, RotatorTiming, Told
+from drivers.simulated.rotator import SimulatedRotatorLanguage
+from mountnav.errors import (
+    BadRequest,
+    Busy,
+    Cancelled,
+    DeviceMissing,
+    DeviceSilent,
+    NotReached,
+    TargetNotReached,
+)
+from mountnav.simulation.rotator_mechanics import RotatorBehavior, RotatorMechanics
+from mountnav.simulation.virtual_time import VirtualClock, run_virtually
+
+Result = TypeVar("Result")
+
+
+@dataclass
+class Rig:
+    rotator: GenericRotator
+    language: SimulatedRotatorLanguage
+    mechanics: RotatorMechanics
+    clock: VirtualClock
+
+
+def with_rotator(
+    work: Callable[[Rig], Coroutine[Any, Any, Result]],
+    behavior: RotatorBehavior | None = None,
+    *,
+    starts_deg: float = 10.0,
+    language: Callable[[RotatorMechanics], SimulatedRotatorLanguage] = SimulatedRotatorLanguage,
+) -> Result:
+    clock = VirtualClock(datetime(2026, 11, 21, 20, 0, tzinfo=UTC))
+
+    async def run() -> Result:
+        mechanics = RotatorMechanics(clock, behavior, starts_deg=starts_deg)
+        spoken = language(mechanics)
+        rotator = GenericRotator(spoken, timing=RotatorTiming(), clock=clock)
+        await rotator.open()
+        try:
+            return await work(Rig(rotator, spoken, mechanics, clock))
+        finally:
+            await rotator.close()
+
+    return run_virtually(run(), clock)
+
+
+@pytest.mark.parametrize("wanted_deg", [100.0, 350.0, 370.0, -10.0, 10.0, 10.5])
+def test_it_turns_and_rests_there(wanted_deg: float) -> None:
+    async def work(rig: Rig) -> None:
+        assert rig.mechanics.orders == []
+        came = await rig.rotator.turn(wanted_deg)
+        assert came.mechanical_deg == pytest.approx(wanted_deg % 360.0, abs=0.05)
+        assert came.moving is False
+        assert rig.mechanics.count_deg == pytest.approx(wanted_deg % 360.0, abs=0.05)
+        # only what is an angle to every driver is sent
+        assert all(0.0 <= one < 360.0 for one in rig.mechanics.orders)
+
+    with_rotator(work)
+
+
+def test_where_it_stands_already_nothing_is_sent() -> None:
+    async def work(rig: Rig) -> None:
+        await rig.rotator.turn(10.01)
+        assert rig.mechanics.orders == []
+
+    with_rotator(work)
+
+
+def test_a_coarse_one_rests_within_its_steps() -> None:
+    async def work(rig: Rig) -> None:
+        assert (await rig.rotator.turn(101.3)).mechanical_deg == 102.0
+
+    with_rotator(work, RotatorBehavior(step_deg=2.0))
+
+
+def test_one_that_says_yes_and_does_not_move_is_named() -> None:
+    async def work(rig: Rig) -> None:
+        with pytest.raises(TargetNotReached, match="says that it is done, and did not move") as told:
+            await rig.rotator.turn(50.0)
+        assert told.value.reason is NotReached.STUCK
+
+    with_rotator(work, RotatorBehavior(ignores=True))
+
+
+class Idle(SimulatedRotatorLanguage):
+    """Says that it rests, whatever it does."""
+
+    async def read(self) -> Told:
+        return Told(self.mechanics.count_deg, False)
+
+
+class Mute(SimulatedRotatorLanguage):
+    """Doesn't say whether it moves."""
+
+    async def read(self) -> Told:
+        return Told(self.mechanics.count_deg, None)
+
+
+@pytest.mark.parametrize("language", [Idle, Mute])
+def test_whether_it_moves_is_seen_not_believed(language: Any) -> None:
+    async def work(rig: Rig) -> None:
+        assert (await rig.rotator.turn(60.0)).mechanical_deg == pytest.approx(60.0, abs=0.05)
+        assert not rig.mechanics.moving
+
+    with_rotator(work, language=language)
+
+
+def test_one_that_is_blocked_is_stopped() -> None:
+    async def work(rig: Rig) -> None:
+        began_s = rig.clock.monotonic_s()
+        with pytest.raises(TargetNotReached, match=r"has stood at 30.00° for too long") as told:
+            await rig.rotator.turn(60.0)
+        assert told.value.reason is NotReached.TIME
+        assert rig.clock.monotonic_s() - began_s < 40.0
+        # it doesn't try on
+        assert not rig.mechanics.moving
+
+    with_rotator(work, RotatorBehavior(stalls_at_deg=30.0))
+
+
+def test_one_that_rests_elsewhere_is_told_with_both_angles() -> None:
+    async def work(rig: Rig) -> None:
+        async def hand() -> None:
+            await rig.clock.sleep(5.0)
+            rig.mechanics.stop()
+
+        touching = asyncio.ensure_future(hand())
+        with pytest.raises(TargetNotReached, match=r"came to rest at .* from 10.00° to 100.00°") as told:
+            await rig.rotator.turn(100.0)
+        assert told.value.reason is NotReached.REST
+        await touching
+
+    with_rotator(work)
+
+
+def test_a_stop_ends_a_turn_and_is_seen() -> None:
+    async def work(rig: Rig) -> None:
+        turning = asyncio.ensure_future(rig.rotator.turn(170.0))
+        await rig.clock.sleep(10.0)
+        with pytest.raises(Busy):
+            await rig.rotator.turn(20.0)
+        await rig.rotator.stop()
+        stood = rig.mechanics.count_deg
+        assert 25.0 < stood < 60.0
+        with pytest.raises(Cancelled):
+            await turning
+        await rig.clock.sleep(5.0)
+        assert rig.mechanics.count_deg == stood
+        # and after it another turn may begin
+        await rig.rotator.turn(20.0)
+
+    with_rotator(work)
+
+
+def test_who_is_cancelled_leaves_it_stopped() -> None:
+    async def work(rig: Rig) -> None:
+        turning = asyncio.ensure_future(rig.rotator.turn(170.0))
+        await rig.clock.sleep(10.0)
+        turning.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await turning
+        assert not rig.mechanics.moving
+
+    with_rotator(work)
+
+
+def test_one_that_turns_on_after_its_stop_is_told() -> None:
+    async def work(rig: Rig) -> None:
+        turning = asyncio.ensure_future(rig.rotator.turn(170.0))
+        await rig.clock.sleep(5.0)
+        with pytest.raises(DeviceSilent, match="still turns"):
+            await rig.rotator.stop()
+        with pytest.raises(Cancelled):
+            await turning
+
+    with_rotator(work, RotatorBehavior(deaf_to_stop=True))
+
+
+@pytest.mark.parametrize("wrong", [float("nan"), float("inf")])
+def test_what_is_no_angle_is_not_sent(wrong: float) -> None:
+    async def work(rig: Rig) -> None:
+        with pytest.raises(BadRequest):
+            await rig.rotator.turn(wrong)
+        assert rig.mechanics.orders == []
+
+    with_rotator(work)
+
+
+def test_a_reading_that_is_no_angle_is_refused() -> None:
+    class Nonsense(SimulatedRotatorLanguage):
+        async def read(self) -> Told:
+            return Told(1e9, False)
+
+    async def work(rig: Rig) -> None:
+        with pytest.raises(DeviceSilent, match="tells an angle of"):
+            await rig.rotator.reading()
+
+    with_rotator(work, language=Nonsense)
+
+
+def test_a_lost_connection_is_opened_again_and_a_closed_one_is_not() -> None:
+    async def work(rig: Rig) -> None:
+        rig.language.usable = False
+        assert (await rig.rotator.reading()).mechanical_deg == 10.0
+        await rig.rotator.close()
+        with pytest.raises(DeviceMissing):
+            await rig.rotator.reading()
+
+    with_rotator(work)
