@@ -13,11 +13,20 @@ if TYPE_CHECKING:
     from drivers.alpaca.device import AlpacaDevice
     from drivers.generic.camera import GenericCamera
     from drivers.generic.mount import GenericMount
+    from mountnav.devices import MountAxis
     from mountnav.sky.coordinates import Site
 
 _PORTS = {"http": 11111, "https": 443}
 """Where a server is looked for if its URL names no port: what ASCOM Remote listens on, and HTTPS's own."""
-_MOUNT_OPTIONS = ("connect", "connect_s", "ca", "finds_home", "resolution_arcsec")
+_MOUNT_OPTIONS = (
+    "connect",
+    "connect_s",
+    "ca",
+    "finds_home",
+    "resolution_arcsec",
+    "rate_step_arcsec_s",
+    "axis_signs",
+)
 _CAMERA_OPTIONS = (
     "connect",
     "connect_s",
@@ -45,6 +54,8 @@ def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMo
         may_connect=yes_of(own, "connect", default=True),
         finds_home=yes_of(own, "finds_home", default=False),
         resolution_arcsec=number_of(own, "resolution_arcsec", 1.0),
+        rate_step_arcsec_s=number_of(own, "rate_step_arcsec_s", 0.0, may_be_zero=True),
+        axis_signs=_axis_signs(own),
     )
     language = AlpacaLanguage(
         _device(url, own, options.timeout_s), habits, longest_order_s=options.timing.slew_timeout_s
@@ -72,6 +83,20 @@ def _open_camera(url: MountUrl, name: str | None) -> GenericCamera:
     )
     device = _device(url, own, number_of(own, "timeout_s", 5.0))
     return GenericCamera(AlpacaCameraLanguage(device, name=name, habits=habits))
+
+
+def _axis_signs(own: Mapping[str, str]) -> dict[MountAxis, float]:
+    """Read ``axis_signs=mp``: which sign of a speed moves the primary and the secondary axis upwards."""
+    text = own.get("axis_signs")
+    if text is None:
+        return {}
+    if not re.fullmatch(r"[mp]{2}", text):
+        raise BadSettings(
+            f"axis_signs={text} makes no sense",
+            advice="two signs, for the primary and the secondary axis: p (plus) or m (minus), such as mp",
+        )
+    primary, secondary = (-1.0 if sign == "m" else 1.0 for sign in text)
+    return {"primary": primary, "secondary": secondary}
 
 
 def _require_kind(url: MountUrl, kind: str) -> None:

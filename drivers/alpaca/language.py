@@ -1,6 +1,6 @@
 """An Alpaca telescope, as a language: which members make a reading or an order, and what their answers mean.
 
-Readings stand in `readings`, bringing it up in `device`, HTTP in `client`.
+Readings stand in `readings`, rates in `rates`, bringing it up in `device`, HTTP in `client`.
 
 An order goes out once. Old drivers answer some of them only when the motion is over: then the answer is
 awaited in the background, and an error in it is kept for the reading that follows the motion.
@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import TypeVar
 
@@ -18,12 +19,22 @@ from drivers.alpaca.client import AlpacaClient, require_known
 from drivers.alpaca.codec import base, telescope_state
 from drivers.alpaca.codec.base import PARKED, AlpacaRefused, Malformed, Parameters, reason_of
 from drivers.alpaca.device import AlpacaDevice, Found
+from drivers.alpaca.rates import CAN_OFFSET, AxisOrders, OffsetRateOrders
 from drivers.alpaca.readings import MountReader
 from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
 from drivers.generic.options import Timing
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import utc_now
-from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
+from mountnav.devices import (
+    Direction,
+    Epoch,
+    MountAxis,
+    OffsetRates,
+    PierSide,
+    RateSpan,
+    Skill,
+    TrackingRate,
+)
 from mountnav.errors import DeviceError, DeviceGarbled, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.tasks import begun
@@ -177,12 +188,19 @@ class AlpacaHabits:
         Whether its home is found by a sensor, so that its position counts afterwards.
     resolution_arcsec : float
         Coarsest step of the mount: Alpaca doesn't say.
+    rate_step_arcsec_s : float
+        Coarsest step to which it rounds offset rates: Alpaca doesn't say that either.
+    axis_signs : mapping of MountAxis to float
+        Which sign of a speed moves each axis to greater coordinates, on the normal side of the pier; what is
+        not stated is seen in the readings.
     """
 
     epoch: Epoch | None = None
     may_connect: bool = True
     finds_home: bool = False
     resolution_arcsec: float = 1.0
+    rate_step_arcsec_s: float = 0.0
+    axis_signs: Mapping[MountAxis, float] = field(default_factory=dict)
 
 
 class AlpacaLanguage(Unskilled):
@@ -204,6 +222,8 @@ class AlpacaLanguage(Unskilled):
         self._reader = MountReader(device)
         self._reader.epoch = self._habits.epoch or "apparent"
         self._moving = Moving(device.client, self._reader, longest_order_s)
+        self._offsets = OffsetRateOrders(device)
+        self._axes = AxisOrders(device, self._habits.axis_signs)
         self._can: dict[str, bool] = {}
         self._rates: frozenset[int] = frozenset()
         self._guide_rates_deg_s: tuple[float, float] | None = None
@@ -248,7 +268,8 @@ class AlpacaLanguage(Unskilled):
     @property
     def skills(self) -> frozenset[Skill]:
         """By what it says it can, and what was seen to be implemented."""
-        return telescope_state.skills(self._can, self._reader.implemented, finds_home=self._habits.finds_home)
+        said = telescope_state.skills(self._can, self._reader.implemented, finds_home=self._habits.finds_home)
+        return said | ({Skill.MOVE_AXIS} if self._axes.spans else set())
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
@@ -289,12 +310,13 @@ class AlpacaLanguage(Unskilled):
             problems.append("it was not connected: we connected it")
         system = await device.maybe("equatorialsystem", lambda value: base.integer(value, 0, 99))
         self._reader.epoch = self._epoch_of(system, problems)
-        self._can = await device.asked_all(telescope_state.CAN, base.truth)
+        self._can = await device.asked_all((*telescope_state.CAN, *CAN_OFFSET), base.truth)
         if not (self._can.get("canslewasync") or self._can.get("canslew")):
             problems.append("it says that it can't slew")
         await self._reader.begin(found.version, _PROBED)
         self._rates = await self._rates_of(device)
         self._guide_rates_deg_s = await self._guide_rates_of(device)
+        problems += await self._axes.begin()
         await self._see_what_else_it_has()
         self._at_once = found.version >= _RETURNS_AT_ONCE
         return Identity(self._identity(found, system), tuple(problems))
@@ -392,6 +414,7 @@ class AlpacaLanguage(Unskilled):
 
     async def send_stop(self, again: int) -> None:
         """Abort all motion, on a connection of its own; tracking stays as it was."""
+        self._axes.stopped()
         await self._moving.stop()
 
     async def send_park(self, wanted: Wanted) -> Sent:
@@ -441,6 +464,42 @@ class AlpacaLanguage(Unskilled):
     async def guiding(self) -> bool | None:
         """Whether a pulse still runs; None where it doesn't say [ASCOM IsPulseGuiding]."""
         return await self._device.maybe("ispulseguiding", base.truth)
+
+    # -- rates and axes --------------------------------------------------------------------------
+
+    @property
+    def offset_step_arcsec_s(self) -> float:
+        """As set."""
+        return self._habits.rate_step_arcsec_s
+
+    async def send_offset_rates(self, rates: OffsetRates) -> None:
+        """Order both rates, beside the sidereal one."""
+        try:
+            await self._offsets.order(rates)
+        except AlpacaRefused as refused:
+            await self._say_if_it_does_not_track(refused)
+            raise
+
+    async def read_offset_rates(self) -> OffsetRates | None:
+        """As it says; some go on saying what a stop or a slew has ended."""
+        return await self._offsets.read()
+
+    @property
+    def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
+        """As it says."""
+        return self._axes.spans
+
+    def direction_unsure(self, axis: MountAxis) -> bool:
+        """Whether nobody has stated or seen yet which way this axis moves: Alpaca leaves that open."""
+        return self._axes.unsure(axis)
+
+    def direction_seen(self, axis: MountAxis, *, rightly: bool) -> None:
+        """Keep which way it moves."""
+        self._axes.seen(axis, rightly=rightly)
+
+    async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
+        """Order an axis to move on, tracking put in; 0 restores tracking."""
+        return await self._axes.order(axis, rate_deg_s, wanted)
 
     async def _tracks(self) -> bool:
         return await self._device.maybe("tracking", base.truth) is not False

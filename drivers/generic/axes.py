@@ -2,7 +2,8 @@
 
 Nothing on the wire ends such a motion by itself; how long it may last is decided above. While an axis is
 moved no other order to move begins. Whatever is not certain ends it: an answer that was lost, an end that was
-refused, a broken link, a driver that is closed.
+refused, a broken link, a driver that is closed. Some protocols leave open which way an axis goes: there the
+first motion is watched, and stopped if it goes the other way.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import asyncio
 import contextlib
 import math
 
+from drivers.generic.language import Readout
 from drivers.generic.motions import Motions
 from drivers.generic.refusal_words import parked
 from drivers.generic.session import Session
@@ -25,10 +27,18 @@ from mountnav.errors import (
     Refusal,
     RefusedButDone,
 )
+from mountnav.sky.sphere import half_turn_deg
+from mountnav.tasks import begun
 
 _SPEED_FREE = 1e-9
 """Share by which a speed may lie outside of a span: what adding up decimal numbers leaves. Doubled or halved,
 nothing shows."""
+
+_MOST_DEC_DEG = 85.0
+"""Nearer to a pole a direction in right ascension isn't judged: a step of the readings becomes a degree."""
+_SHOWS = 3.0
+"""A motion shows when it is so many times what readings may wander and the sky may turn. Doubled, an axis
+that goes the wrong way is stopped later; halved, noise stops one that goes right."""
 
 
 class Axes:
@@ -37,6 +47,7 @@ class Axes:
     def __init__(self, session: Session, motions: Motions) -> None:
         self._session = session
         self._motions = motions
+        self._watches: dict[MountAxis, asyncio.Task[None]] = {}
         self._orders: dict[MountAxis, int] = {}
         """How many orders came for each axis: an older one doesn't go out after a newer one."""
 
@@ -81,7 +92,7 @@ class Axes:
         await session.ready()
         links = session.links
         await session.no_stop.wait()
-        before = await self._motions.refusals.before()
+        before = await self._motions.refusals.before_at_rest()
         if before.parked:
             raise parked("moving an axis", device=session.name)
         if before.slewing and not session.axes:
@@ -122,6 +133,8 @@ class Axes:
             raise self._overtaken()
         if session.stops == stops and session.links == links:
             session.stop_owed = False
+            if session.language.direction_unsure(axis) and abs(before.place.dec_deg) < _MOST_DEC_DEG:
+                self._watch(axis, rate_deg_s, number, before)
         else:
             # the stop may have overtaken the order
             await session.language.send_stop(0)
@@ -142,6 +155,7 @@ class Axes:
 
     async def _end(self, axis: MountAxis, number: int) -> None:
         session = self._session
+        self._unwatch(axis)
         await session.ready()
         stops = session.stops
         try:
@@ -176,9 +190,60 @@ class Axes:
                 raise DeviceSilent("goes on moving after it was told to end", device=session.name)
             before = now
 
+    def _watch(self, axis: MountAxis, rate_deg_s: float, number: int, before: Readout) -> None:
+        self._unwatch(axis)
+        watch = self._watched(axis, rate_deg_s, number, before)
+        self._watches[axis] = begun(watch, f"axis-{axis}", died=self._watch_died)
+
+    def _unwatch(self, axis: MountAxis) -> None:
+        watch = self._watches.pop(axis, None)
+        if watch is not None and watch is not asyncio.current_task():
+            watch.cancel()
+
+    def _watch_died(self, fault: Exception) -> None:
+        # a motion that nobody watches must not go on: the next reading that shows it sends a stop
+        self._session.stop_owed = True
+        self._session.language.log.note("event", meaning=f"watching an axis failed: {fault}")
+
+    async def _watched(self, axis: MountAxis, rate_deg_s: float, number: int, before: Readout) -> None:
+        """See which way an axis goes; stop it if that is the wrong one."""
+        session = self._session
+        while True:
+            await pause(session.timing.soon_s)
+            went_arcsec = self._went_arcsec(axis, before, await session.read())
+            if self._orders[axis] != number or session.axes.get(axis) != rate_deg_s:
+                return  # what it does since is due to another order
+            if went_arcsec == 0.0:
+                continue
+            rightly = went_arcsec * rate_deg_s > 0.0
+            session.language.direction_seen(axis, rightly=rightly)
+            if rightly:
+                return
+            words = f"its {axis} axis went the other way than it was ordered ({went_arcsec / 3600.0:+.2f}°)"
+            session.language.log.note("event", meaning=words)
+            session.emit("axis-went-wrong", {"axis": axis, "why": f"{words}: stopped, and known from now on"})
+            await self._motions.stop()
+            return
+
+    def _went_arcsec(self, axis: MountAxis, before: Readout, now: Readout) -> float:
+        """How far an axis went; 0 as long as that may be noise, or the turn of the sky."""
+        session = self._session
+        free_arcsec = session.timing.resting_free_arcsec(session.language.resolution_arcsec)
+        turned_arcsec = session.timing.drift_arcsec_s * (now.utc - before.utc).total_seconds()
+        noise_arcsec = _SHOWS * (free_arcsec + turned_arcsec)
+        if axis == "secondary":
+            went_arcsec = 3600.0 * (now.place.dec_deg - before.place.dec_deg)
+        else:
+            went_arcsec = 3600.0 * half_turn_deg(now.place.ra_deg - before.place.ra_deg)
+            dec_deg = min(abs(now.place.dec_deg), _MOST_DEC_DEG)
+            noise_arcsec /= math.cos(math.radians(dec_deg))
+        return went_arcsec if abs(went_arcsec) > noise_arcsec else 0.0
+
     async def close(self) -> None:
         """End all that is moved by hand: nobody is left who would."""
         session = self._session
+        for axis in tuple(self._watches):
+            self._unwatch(axis)
         if session.axes and session.language.usable:
             with contextlib.suppress(DeviceError):
                 await self._motions.stop()

@@ -258,6 +258,14 @@ class Language(Protocol):
         """At which speeds its axes can be moved on by hand; empty where they can't."""
         ...
 
+    def direction_unsure(self, axis: MountAxis) -> bool:
+        """Whether which way an axis will go is a guess that the next readings can prove or refute."""
+        ...
+
+    def direction_seen(self, axis: MountAxis, *, rightly: bool) -> None:
+        """An axis whose direction was a guess went as it was ordered, or the other way."""
+        ...
+
     async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
         """Order an axis to move on at a speed beside tracking; 0 ends it."""
         ...
@@ -361,6 +369,13 @@ class Unskilled:
     def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
         """None of them."""
         return {}
+
+    def direction_unsure(self, axis: MountAxis) -> bool:
+        """No."""
+        return False
+
+    def direction_seen(self, axis: MountAxis, *, rightly: bool) -> None:
+        """Nothing to learn."""
 
     async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
         """Refused."""

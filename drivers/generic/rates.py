@@ -39,8 +39,8 @@ _LEAST_ARCSEC_S = 5e-4
 comet (0.01″/s) may be off by a tenth; halved, conversions through float32 fail."""
 
 _SHOWS = 2.0
-"""A drift shows when it is so many times what readings may wander: once more than what is looked for. Doubled,
-more refusals leave the rates unknown."""
+"""A drift shows when it is so many times what readings may wander: once more than what is looked for.
+Doubled, more refusals leave the rates unknown."""
 
 
 class Rates:
@@ -88,7 +88,7 @@ class Rates:
 
     async def _order(self, rates: OffsetRates, stops: int, links: int) -> None:
         session, drift = self._session, self._session.drift
-        before = await self._refusals.before()
+        before = await self._refusals.before_at_rest()
         had = drift.known
         if not rates.none:
             session.require_trust("tracking at rates of its own")
@@ -107,7 +107,7 @@ class Rates:
                 )
 
         async def took() -> bool:
-            told = await _told(session)
+            told = await session.told_rates()
             if told is None or told.none:
                 return False
             return self._same(told, rates) if had is None else not self._same(told, had)
@@ -142,7 +142,7 @@ class Rates:
         """Whether a mount that refused rates is known to have those from before."""
         session = self._session
         with contextlib.suppress(DeviceError):
-            told = await _told(session)
+            told = await session.told_rates()
             if told is not None:
                 return self._same(told, had)
         # it can't say: what would have shown within the time for which refusals are watched did not
@@ -171,7 +171,7 @@ class Rates:
         until = loop.time() + session.timing.start_grace_s + session.timing.poll_s
         while True:
             try:
-                told = await _told(session)
+                told = await session.told_rates()
             except DeviceError as trouble:
                 drift.unknown()
                 raise _unknown(lost or trouble, session) from trouble
@@ -220,20 +220,9 @@ def same_rates(told: OffsetRates, ordered: OffsetRates, step_arcsec_s: float) ->
     return same(told.ra_arcsec_s, ordered.ra_arcsec_s) and same(told.dec_arcsec_s, ordered.dec_arcsec_s)
 
 
-async def _told(session: Session) -> OffsetRates | None:
-    """What it says; None where it can't, or refuses to. A number that is none is nonsense."""
-    try:
-        told = await session.language.read_offset_rates()
-    except DeviceRefused:
-        return None
-    if told is not None and not (math.isfinite(told.ra_arcsec_s) and math.isfinite(told.dec_arcsec_s)):
-        raise DeviceGarbled("its offset rates are no numbers", device=session.name)
-    return told
-
-
 async def said_rates(session: Session) -> OffsetRates | None:
     """Ask it at which offset rates it tracks, and keep what it says; None where it doesn't say."""
-    told = await _told(session)
+    told = await session.told_rates()
     if told is not None and session.job is None:
         session.drift.settled(told)
     return told
@@ -259,11 +248,11 @@ async def end_rates(session: Session) -> None:
         try:
             await session.language.send_offset_rates(STARS_RATES)
         except (DeviceSilent, DeviceGarbled):
-            told = await _told(session)
+            told = await session.told_rates()
             if told is None or not told.none:
                 raise
     while True:
-        told = await _told(session)
+        told = await session.told_rates()
         if told is None or same_rates(told, STARS_RATES, session.language.offset_step_arcsec_s):
             drift.settled(STARS_RATES)
             return

@@ -180,7 +180,7 @@ class ReadingFilter:
         return not after.slewing and not self.changed(before, after)
 
     def changed(self, before: Readout, after: Readout) -> bool:
-        """Whether the place has changed by more than a step of the wire, the turn of the sky, its own rates."""
+        """Whether it moved by more than a step of the wire, the turn of the sky and its own rates."""
         elapsed_s = max(0.0, (after.utc - before.utc).total_seconds())
         # an arcsecond and a tenth of a step: two readings of one place may be rounded to neighboring steps
         free_arcsec = 1.0 + 1.1 * self.resolution_arcsec + self._timing.drift_arcsec_s * elapsed_s

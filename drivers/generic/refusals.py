@@ -46,6 +46,19 @@ class Refusals:
             return last
         return await self._session.read()
 
+    async def before_at_rest(self) -> Readout:
+        """As `before`; one that still moves, say up to a rate that it was given just now, is waited for.
+
+        Not for longer than `Timing.rest_s`: a reading that says "slewing" after that is one that slews.
+        """
+        session, loop = self._session, asyncio.get_running_loop()
+        until = loop.time() + session.timing.rest_s
+        before = await self.before()
+        while before.slewing and not session.axes and loop.time() < until:
+            await pause(session.timing.soon_s)
+            before = await session.read()
+        return before
+
     @asynccontextmanager
     async def checked(
         self,

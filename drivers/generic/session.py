@@ -7,6 +7,7 @@ Connecting asks and compares, and sets nothing unless the configuration says so.
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -23,6 +24,7 @@ from mountnav.devices import (
     STARS_RATES,
     ConnectReport,
     MountAxis,
+    OffsetRates,
     PierSide,
     Skill,
     SlewState,
@@ -46,6 +48,9 @@ _SAME_CLOCK_S = 5.0
 """s. A mount's clock that changed by more against ours during a silence shows that the mount was switched
 off. Chosen: clocks carry whole seconds and answers may be late by one or two. Doubled, a mount whose
 clock starts 8 s behind after a reset passes for one that was only silent."""
+_NO_RATE_ARCSEC_S = 1e-6
+"""″/s. A rate that is read back and is below this is none: what converting units leaves of 0. Doubled or
+halved, nothing shows: it is 4 milliarcseconds in an hour."""
 _ON_THE_WAY = (SlewState.ACCEPTED, SlewState.UNDER_WAY, SlewState.LOST)
 """States of the last order in which the mount may still be moving."""
 
@@ -273,7 +278,7 @@ class Session:
             if drift.ours:
                 drift.going_out(STARS_RATES)
                 await language.send_offset_rates(STARS_RATES)
-            found = await language.read_offset_rates()
+            found = await self.told_rates()
         except (DeviceRefused, DeviceSilent, DeviceGarbled) as trouble:
             language.log.note("event", meaning=f"its offset rates are not known: {trouble.what}")
             drift.unknown()
@@ -287,6 +292,26 @@ class Session:
         if found is None or found.none:
             return []
         return [f"it tracks at offset rates: {rates_text(found)}"]
+
+    async def told_rates(self) -> OffsetRates | None:
+        """At which offset rates it says to track; None where it can't say, or refuses to.
+
+        Raises
+        ------
+        DeviceSilent, DeviceGarbled, DeviceMissing
+        """
+        try:
+            told = await self.language.read_offset_rates()
+        except DeviceRefused:
+            return None
+        if told is None:
+            return None
+        if not (math.isfinite(told.ra_arcsec_s) and math.isfinite(told.dec_arcsec_s)):
+            raise DeviceGarbled("its offset rates are no numbers", device=self.name)
+        ra, dec = (
+            0.0 if abs(rate) < _NO_RATE_ARCSEC_S else rate for rate in (told.ra_arcsec_s, told.dec_arcsec_s)
+        )
+        return OffsetRates(ra, dec)
 
     async def compare(self) -> ConnectReport:
         """Ask for clock and site again, and compare them with ours. Raises `DeviceError`."""

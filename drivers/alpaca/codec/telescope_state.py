@@ -101,6 +101,8 @@ def skills(can: Mapping[str, bool], implemented: frozenset[str], *, finds_home: 
         Skill.TRACK: can.get("cansettracking", False),
         Skill.TRACKING_RATES: "trackingrates" in implemented,
         Skill.GUIDE: can.get("canpulseguide", False),
+        Skill.OFFSET_RATES: can.get("cansetrightascensionrate", False)
+        and can.get("cansetdeclinationrate", False),
         Skill.PIER_SIDE: "sideofpier" in implemented,
         Skill.DESTINATION_SIDE: "destinationsideofpier" in implemented,
         Skill.CLOCK: "utcdate" in implemented,

@@ -28,11 +28,13 @@ from mountnav.devices import PierSide, TrackingRate
 from mountnav.errors import Refusal
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent
-from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, Icrs, Site
 
 HERE = Site(49.6, 36.9, 140.0)
 _SIDES = {PierSide.EAST: 0, PierSide.WEST: 1, PierSide.UNKNOWN: -1}
 _RATES = (TrackingRate.SIDEREAL, TrackingRate.LUNAR, TrackingRate.SOLAR, TrackingRate.KING)
+ARCSEC_S_OF_RA_RATE = 15.0 / 0.9972695677
+"""Arcseconds per SI second of one RightAscensionRate, by the factor that ASCOM's page gives."""
 _GUIDE_DEG_S = 0.5 * 15.041 / 3600.0
 _CODES = {
     "int16": 1, "int32": 2, "float64": 3, "float32": 4, "uint64": 5, "uint8": 6, "int64": 7, "uint16": 8,
@@ -73,6 +75,8 @@ class Fault:
     seconds: float = 0.0
     number: int = 0
     body: str = ""
+    verb: str = ""
+    """Of the requests that it meets: "get", "put", or all of them."""
     over: bool = False
     """Set when a slow one has waited."""
 
@@ -182,6 +186,21 @@ class FakeTelescope(FakeDevice):
         """Park and home answer when they are over."""
         self.site = [HERE.latitude_deg, HERE.longitude_deg, HERE.height_m]
         self.utc_off = timedelta(0)
+        self.rates = [0.0, 0.0]
+        """RightAscensionRate and DeclinationRate as they were set, in their own units."""
+        self.ra_unit_arcsec_s = ARCSEC_S_OF_RA_RATE
+        """What it makes of one RightAscensionRate; the right value, unless a test spoils it."""
+        self.says_rates_after_abort = False
+        """AbortSlew ends the rates, and they are still reported: as the simulator of ASCOM's makers does."""
+        self.axis_rates: dict[int, list[dict[str, float]]] = {
+            0: [{"Minimum": 0.0, "Maximum": 4.0}],
+            1: [{"Minimum": 0.0, "Maximum": 4.0}],
+            2: [],
+        }
+        self.axis_senses = [1.0, 1.0]
+        """-1: a positive MoveAxis turns that axis the other way than most do."""
+        self.alignment = 2
+        self.moved = [0.0, 0.0]
 
     # places in the system that it speaks
 
@@ -276,10 +295,79 @@ class FakeTelescope(FakeDevice):
         return [0, 1, 2]
 
     def get_trackingrate(self, _: dict[str, str]) -> int:
-        return _RATES.index(self.mechanics.rate)
+        # offset rates are beside the sidereal one: that is what it says then
+        return 0 if self.mechanics.rate is TrackingRate.CUSTOM else _RATES.index(self.mechanics.rate)
 
     def put_trackingrate(self, form: dict[str, str]) -> None:
+        self.rates = [0.0, 0.0]
         self.mechanics.rate = _RATES[self.need(form, "TrackingRate", int)]
+
+    # rates and axes
+
+    def _require_sidereal(self) -> None:
+        if self.mechanics.rate in _RATES[1:]:
+            raise AlpacaError(0x40B, "Only when tracking at the sidereal rate")
+
+    def _set_rates(self, which: int, rate: float) -> None:
+        self._require_sidereal()
+        self.rates[which] = rate
+        ra_arcsec_s = self.rates[0] * self.ra_unit_arcsec_s
+        self.mechanics.track_beside(ra_arcsec_s, self.rates[1])
+
+    def get_rightascensionrate(self, _: dict[str, str]) -> float:
+        return self.rates[0]
+
+    def get_declinationrate(self, _: dict[str, str]) -> float:
+        return self.rates[1]
+
+    def put_rightascensionrate(self, form: dict[str, str]) -> None:
+        rate = self.need(form, "RightAscensionRate", float)
+        if not self.can.get("cansetrightascensionrate", True):
+            raise NOT_IMPLEMENTED
+        self._set_rates(0, rate)
+
+    def put_declinationrate(self, form: dict[str, str]) -> None:
+        rate = self.need(form, "DeclinationRate", float)
+        if not self.can.get("cansetdeclinationrate", True):
+            raise NOT_IMPLEMENTED
+        self._set_rates(1, rate)
+
+    def get_alignmentmode(self, _: dict[str, str]) -> int:
+        return self.alignment
+
+    def get_canmoveaxis(self, form: dict[str, str]) -> bool:
+        return bool(self.axis_rates[self._axis(form)])
+
+    def get_axisrates(self, form: dict[str, str]) -> list[dict[str, float]]:
+        return self.axis_rates[self._axis(form)]
+
+    def _axis(self, form: dict[str, str]) -> int:
+        lower = {name.lower(): value for name, value in form.items()}
+        axis = self.need(lower, "axis", int)
+        if axis not in (0, 1, 2):
+            raise AlpacaError(0x401, "No such axis")
+        return axis
+
+    def put_moveaxis(self, form: dict[str, str]) -> None:
+        axis, rate = self.need(form, "Axis", int), self.need(form, "Rate", float)
+        if axis not in (0, 1) or not self.axis_rates[axis]:
+            raise AlpacaError(0x401, "No such axis")
+        if self.mechanics.parked:
+            raise AlpacaError(0x408, "Parked")
+        if rate and not any(one["Minimum"] <= abs(rate) <= one["Maximum"] for one in self.axis_rates[axis]):
+            raise AlpacaError(0x401, "Rate out of range")
+        self.moved[axis] = rate
+        if rate == 0.0:
+            self.mechanics.stop_move("w" if axis == 0 else "n")
+            return
+        turned = rate * self.axis_senses[axis]
+        if axis == 0:
+            # the hour angle axis, with tracking suspended; the mechanics count from tracking
+            west = turned - (SIDEREAL_DEG_S if self.mechanics.tracking else 0.0)
+            self.mechanics.move("w" if west > 0.0 else "e", abs(west))
+        else:
+            north = -turned if self.mechanics.pier_side() is PierSide.WEST else turned
+            self.mechanics.move("n" if north > 0.0 else "s", abs(north))
 
     def get_guideraterightascension(self, _: dict[str, str]) -> float:
         return _GUIDE_DEG_S
@@ -347,7 +435,10 @@ class FakeTelescope(FakeDevice):
     def put_abortslew(self, _: dict[str, str]) -> None:
         self._require_moving_allowed(tracking=False)
         self._fails_at_s = None
+        self.moved = [0.0, 0.0]
         self.mechanics.stop()
+        if self.says_rates_after_abort:
+            self.mechanics.track_beside(0.0, 0.0)
 
     def put_park(self, _: dict[str, str]) -> None:
         self.mechanics.park()
@@ -378,7 +469,7 @@ class FakeTelescope(FakeDevice):
         self.mechanics.pulse("nsew"[direction], _GUIDE_DEG_S, ms / 1000.0)  # type: ignore[arg-type]
 
     def answer(self, verb: str, member: str, form: dict[str, str]) -> Any:
-        if verb == "get" and member.startswith("can"):
+        if verb == "get" and member.startswith("can") and member != "canmoveaxis":
             if not self.is_connected():
                 raise AlpacaError(0x407, "Not connected")
             return self.can.get(member, True)
@@ -513,7 +604,7 @@ class _Handler(BaseHTTPRequestHandler):
         way_s = owner.far()
         time.sleep(way_s / 2.0)
         owner.note(verb, member, form)
-        fault = owner.fault_for(member)
+        fault = owner.fault_for(verb, member)
         what = fault.what if fault else ""
         self._half = what == "half"
         if what == "refuse-connection":
@@ -695,10 +786,10 @@ class AlpacaServer:
         with self._lock:
             return [member for verb, member, _ in self.asked if verb == "put"]
 
-    def fault_for(self, member: str) -> Fault | None:
+    def fault_for(self, verb: str, member: str) -> Fault | None:
         with self._lock:
             for fault in self.faults:
-                if fault.member == member and fault.times > 0:
+                if fault.member == member and fault.verb in ("", verb) and fault.times > 0:
                     fault.times -= 1
                     return fault
         return None

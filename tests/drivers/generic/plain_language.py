@@ -3,13 +3,30 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Mapping
 from datetime import datetime, timedelta
 
 from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import utc_now
-from mountnav.devices import Direction, Epoch, Skill, TrackingRate
-from mountnav.errors import DeviceGarbled, DeviceMissing, DeviceRefused, DeviceSilent, Refusal
+from mountnav.devices import (
+    Direction,
+    Epoch,
+    MountAxis,
+    OffsetRates,
+    RateSpan,
+    Skill,
+    TrackingRate,
+)
+from mountnav.errors import (
+    DeviceError,
+    DeviceGarbled,
+    DeviceMissing,
+    DeviceRefused,
+    DeviceSilent,
+    Refusal,
+)
+from mountnav.simulation.mechanics import Direction as Ways
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
@@ -41,14 +58,40 @@ class PlainLanguage(Unskilled):
         self.its_site: Site | None = None
         self.epoch: Epoch = "apparent"
         self.skills = frozenset(
-            {Skill.PARK, Skill.UNPARK, Skill.TRACK, Skill.HOME, Skill.GUIDE, Skill.SET_CLOCK, Skill.SET_SITE}
+            {
+                Skill.PARK,
+                Skill.UNPARK,
+                Skill.TRACK,
+                Skill.HOME,
+                Skill.GUIDE,
+                Skill.SET_CLOCK,
+                Skill.SET_SITE,
+                Skill.OFFSET_RATES,
+                Skill.MOVE_AXIS,
+            }
         )
+        self.tells_motion = True
+        self.tells_rates = True
+        self.rates_unread: DeviceError | None = None
+        """What it answers to the question for its rates instead."""
+        self.rates_lost: DeviceError | None = None
+        """What becomes of the answer to an order of rates."""
+        self.takes_rates: Callable[[OffsetRates], OffsetRates | None] = lambda rates: rates
+        """What it makes of an order of rates; None: nothing."""
+        self.rates_late_s = 0.0
+        self.rates_go_out = asyncio.Event()
+        self.rates_go_out.set()
+        self.axis_lost: DeviceError | None = None
+        self.axis_keeps_on = False
+        """Whether it doesn't heed the end of a motion by hand."""
         self.odd: list[Apparent] = []
         self._gone = asyncio.Event()
         self._asked_s: float | None = None
 
     usual_epoch: Epoch = "apparent"
     resolution_arcsec = 0.1
+    most_offset_arcsec_s: OffsetRates | None = OffsetRates(5000.0, 5000.0)
+    offset_step_arcsec_s = 0.0
 
     @property
     def device(self) -> str:
@@ -113,7 +156,7 @@ class PlainLanguage(Unskilled):
         return Readout(
             place,
             utc,
-            slewing=self.mechanics.slewing(utc),
+            slewing=self.mechanics.slewing(utc) if self.tells_motion else None,
             tracking=self.mechanics.tracking,
             parked=self.parked,
             at_home=self.at_home,
@@ -191,6 +234,45 @@ class PlainLanguage(Unskilled):
             self.mechanics.move(direction.value, 1.0)
         self._denied("guide")
         return Sent()
+
+    async def send_offset_rates(self, rates: OffsetRates) -> None:
+        self._said(f"rates {rates.ra_arcsec_s:g} {rates.dec_arcsec_s:g}")
+        await self.rates_go_out.wait()
+        taken = self.takes_rates(rates)
+        if taken is not None and self.rates_late_s:
+            asyncio.get_running_loop().call_later(
+                self.rates_late_s, self.mechanics.track_beside, taken.ra_arcsec_s, taken.dec_arcsec_s
+            )
+        elif taken is not None:
+            self.mechanics.track_beside(taken.ra_arcsec_s, taken.dec_arcsec_s)
+        if self.rates_lost is not None:
+            raise self.rates_lost
+        if not rates.none:
+            self._denied("rates")
+
+    async def read_offset_rates(self) -> OffsetRates | None:
+        if self.rates_unread is not None:
+            raise self.rates_unread
+        return OffsetRates(*self.mechanics.beside_arcsec_s) if self.tells_rates else None
+
+    axis_rates_deg_s: Mapping[MountAxis, tuple[RateSpan, ...]] = {
+        "primary": (RateSpan(0.001, 2.0), RateSpan(3.0, 3.0)),
+        "secondary": (RateSpan(0.001, 2.0),),
+    }
+
+    async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
+        if not wanted():
+            return Sent(wire=False)
+        self._said(f"axis {axis} {rate_deg_s:g}")
+        ways: tuple[Ways, Ways] = ("e", "w") if axis == "primary" else ("n", "s")
+        if rate_deg_s == 0.0:
+            if not self.axis_keeps_on:
+                self.mechanics.stop_move(ways[0])
+            self._denied("axis-end")
+        else:
+            self.mechanics.move(ways[rate_deg_s < 0.0], abs(rate_deg_s))
+            self._denied("axis")
+        return Sent(lost=self.axis_lost)
 
     async def read_clock(self) -> datetime | None:
         return None if self.clock_off_s is None else utc_now() + timedelta(seconds=self.clock_off_s)
