@@ -326,7 +326,8 @@ async def _link(rig: FollowingRig) -> None:
     [_stop, _end, _none, _slew, _park, _home, _rest, _track, _lunar, _close, _distrust, _link],
 )
 @pytest.mark.parametrize("rates", [COMET, FAST])
-def test_each_order_and_mishap_ends_them(order: Setting, rates: OffsetRates) -> None:
+@pytest.mark.parametrize("native", [False, True])
+def test_each_order_and_mishap_ends_them(order: Setting, rates: OffsetRates, native: bool) -> None:
     async def work(rig: FollowingRig) -> None:
         await follow(rig, rates, 20.0 if rates is FAST and order is not _link else 60.0)
         await order(rig)
@@ -338,7 +339,7 @@ def test_each_order_and_mishap_ends_them(order: Setting, rates: OffsetRates) -> 
         if order is not _close:
             assert rig.mount.following_problem is None
 
-    run_following(work)
+    run_following(work, native=native)
 
 
 async def _guide(rig: FollowingRig) -> None:
