@@ -619,16 +619,20 @@ def test_one_path_is_looked_at_once_however_often_the_rates_are_renewed() -> Non
         await rig.mount.slew(rig.place(-20.0, 20.0))
         now = rig.mechanics.truth()
 
-        def path(utc: datetime) -> Icrs:
-            asked.append(utc)
-            return now
+        class Target:
+            def path(self, utc: datetime) -> Icrs:
+                asked.append(utc)
+                return now
 
-        until = ends(rig, 3600.0)
-        await rig.mount.set_offset_rates(COMET, ends_utc=until, path=path)
+        target, until = Target(), ends(rig, 3600.0)
+        await rig.mount.set_offset_rates(COMET, ends_utc=until, path=target.path)
         first = len(asked)
-        for _ in range(5):
-            await rig.mount.set_offset_rates(COMET, ends_utc=until, path=path)
-        assert len(asked) < first + 20
+        for number in range(5):
+            later = until + timedelta(seconds=60.0 * number)
+            await rig.mount.set_offset_rates(COMET, ends_utc=later, path=target.path)
+        # a later end is looked at from the end before it on
+        assert first > 60
+        assert len(asked) < first + 60
 
     run_following(work)
 
