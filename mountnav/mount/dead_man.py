@@ -42,6 +42,11 @@ class Deadman(Protocol):
         ...
 
 
+LEFT_S = 600.0
+"""What an earlier run has left is this one's for so long, s: then the guard tries as well. Chosen by hand: a
+mount that takes ten minutes to answer is rather one that only another process can reach. Doubled, it waits
+longer."""
+
 Row = tuple[CommandRecord, CommandEnd | None]
 
 _NEVER_OUT = frozenset({Outcome.REFUSED, Outcome.NOT_SENT})

@@ -42,7 +42,7 @@ from mountnav.errors import (
     Refusal,
 )
 from mountnav.journal.records import EntryKind, Outcome
-from mountnav.mount.dead_man import Armed
+from mountnav.mount.dead_man import LEFT_S, Armed
 from mountnav.mount.ending import Ending
 from mountnav.mount.following_policy import FollowingPolicy
 from mountnav.mount.kill_points import kill_point
@@ -369,6 +369,8 @@ class RateOrders:
         """An earlier run of the service has left rates in force: end them. Raises as `end`."""
         if Skill.OFFSET_RATES in skills_of(self._mount) and isinstance(self._mount, TakesOffsetRates):
             self._owed = True
+            with contextlib.suppress(DeviceError):  # they are in force already, guard or none
+                self._armed.need(_NAME, self._clock.utc() + timedelta(seconds=LEFT_S))
             await self.ending.now(why)
 
     async def _end_once(self, why: str) -> None:

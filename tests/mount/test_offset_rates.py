@@ -326,7 +326,8 @@ async def _link(rig: FollowingRig) -> None:
     [_stop, _end, _none, _slew, _park, _home, _rest, _track, _lunar, _close, _distrust, _link],
 )
 @pytest.mark.parametrize("rates", [COMET, FAST])
-def test_each_order_and_mishap_ends_them(order: Setting, rates: OffsetRates) -> None:
+@pytest.mark.parametrize("native", [False, True])
+def test_each_order_and_mishap_ends_them(order: Setting, rates: OffsetRates, native: bool) -> None:
     async def work(rig: FollowingRig) -> None:
         await follow(rig, rates, 20.0 if rates is FAST and order is not _link else 60.0)
         await order(rig)
@@ -338,7 +339,7 @@ def test_each_order_and_mishap_ends_them(order: Setting, rates: OffsetRates) -> 
         if order is not _close:
             assert rig.mount.following_problem is None
 
-    run_following(work)
+    run_following(work, native=native)
 
 
 async def _guide(rig: FollowingRig) -> None:
@@ -618,16 +619,20 @@ def test_one_path_is_looked_at_once_however_often_the_rates_are_renewed() -> Non
         await rig.mount.slew(rig.place(-20.0, 20.0))
         now = rig.mechanics.truth()
 
-        def path(utc: datetime) -> Icrs:
-            asked.append(utc)
-            return now
+        class Target:
+            def path(self, utc: datetime) -> Icrs:
+                asked.append(utc)
+                return now
 
-        until = ends(rig, 3600.0)
-        await rig.mount.set_offset_rates(COMET, ends_utc=until, path=path)
+        target, until = Target(), ends(rig, 3600.0)
+        await rig.mount.set_offset_rates(COMET, ends_utc=until, path=target.path)
         first = len(asked)
-        for _ in range(5):
-            await rig.mount.set_offset_rates(COMET, ends_utc=until, path=path)
-        assert len(asked) < first + 20
+        for number in range(5):
+            later = until + timedelta(seconds=60.0 * number)
+            await rig.mount.set_offset_rates(COMET, ends_utc=later, path=target.path)
+        # a later end is looked at from the end before it on
+        assert first > 60
+        assert len(asked) < first + 60
 
     run_following(work)
 
