@@ -81,9 +81,8 @@ def planets(whole: Path | None) -> None:
     ephemeris = load_file(str(whole or SHIPPED_PATH))
     here = ephemeris["earth"] + wgs84.latlon(SITE.latitude_deg, SITE.longitude_deg, SITE.height_m)
     days = np.random.default_rng(7).uniform(1.0, 4200.0, 200)
-    print(
-        f"against skyfield with {'the whole DE440' if whole else 'the excerpt'}, {len(days)} instants, 2015 to 2026"
-    )
+    source = "the whole DE440" if whole else "the excerpt"
+    print(f"against skyfield with {source}, {len(days)} instants, 2015 to 2026")
     for name in BODIES:
         body = ephemeris[f"{name} barycenter" if name in SYSTEMS else name]
         worst = 0.0
