@@ -15,10 +15,12 @@ from api.orders.results import FollowLookView, FollowView
 from api.orders.targets import NamedTarget, RatesTarget
 from api.orders.vocabulary import FollowBody, FollowOrder, Order
 from mountnav.clock import utc_now
-from tests.api.all_faces.attacked_service import Standing, standing, until, up_now
+from tests.api.all_faces.attacked_service import OBSERVATORY, Standing, standing, until, up_now
 
 BOSS = Caller("tests", Role.CONFIGURE, Face.REST)
 ORDERS: TypeAdapter[Order] = TypeAdapter(Order)
+WIDE = OBSERVATORY.replace("width_px = 400", "width_px = 1200").replace("height_px = 300", "height_px = 900")
+"""Wherever the sky stands now, there are stars enough in a frame."""
 MOON = {"kind": "name", "name": "Moon"}
 
 
@@ -76,8 +78,8 @@ def test_the_short_body_makes_the_same_order() -> None:
 
 @pytest.mark.long
 async def test_a_target_is_followed_to_the_end_and_its_looks_are_kept() -> None:
-    async with standing() as stand, httpx.AsyncClient(base_url=f"http://127.0.0.1:{stand.port}") as http:
-        job = await following(stand, duration_s=100.0)
+    async with standing(WIDE) as stand, httpx.AsyncClient(base_url=f"http://127.0.0.1:{stand.port}") as http:
+        job = await following(stand, duration_s=120.0)
         await job.ended.wait()
         assert job.state is JobState.SUCCEEDED, job.problem
         view = job_view(job)
@@ -102,7 +104,7 @@ async def test_a_target_is_followed_to_the_end_and_its_looks_are_kept() -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("how", ["cancel", "stop", "park"])
 async def test_rates_end_with_their_job(how: str) -> None:
-    async with standing() as stand, httpx.AsyncClient(base_url=f"http://127.0.0.1:{stand.port}") as http:
+    async with standing(WIDE) as stand, httpx.AsyncClient(base_url=f"http://127.0.0.1:{stand.port}") as http:
         job = await following(stand)
         match how:
             case "cancel":
@@ -123,7 +125,7 @@ async def test_rates_end_with_their_job(how: str) -> None:
 
 @pytest.mark.long
 async def test_a_target_too_fast_for_the_mount_is_refused_with_the_numbers() -> None:
-    async with standing() as stand:
+    async with standing(WIDE) as stand:
         mark = stand.mark()
         job = await stand.service.dispatcher.order(
             BOSS, "east", FollowOrder(target=mover(-3_000.0, 0.0), duration_s=15.0)
