@@ -33,7 +33,8 @@ ENDS = frozenset({JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED})
 class Job:
     """One piece of long work on a telescope; only `Jobs` changes it.
 
-    `progress` is what was told last of following a target; it isn't written down. `result` is what the work returned; of a job from before a restart, the mapping that the API showed.
+    `progress` is what was told last of following a target; it isn't written down.
+    `result` is what the work returned; of a job from before a restart, the mapping that the API showed.
     `superseded_by` is the id of the job that took its place; `why_stopped`, in words, why it was told to
     end; `epoch` the mount's own frame; `announced`: an event has told that it began.
     """
