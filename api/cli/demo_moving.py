@@ -56,8 +56,9 @@ _SAMPLE_S = 0.25
 _SETTLED_S = 8.0
 """The first seconds of following don't count: it has just been caught."""
 _ALTITUDE_DEG = 55.0
-_AZIMUTHS_DEG = (150.0, 210.0, 100.0, 260.0, 330.0, 30.0)
-"""Where a target may stand; the one farthest from the Sun is taken."""
+_AZIMUTHS_DEG = (150.0, 210.0, 110.0, 250.0)
+"""Where a target may stand; the one farthest from the Sun is taken. All are in the south, since near the pole
+a mount that points so wrongly is not synced, and then nothing tells a pass how wrong it points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,8 +185,12 @@ def told(found: Followed, client: Client, console: Console) -> None:
         console.print(
             f"[bold {color}]{found.moving.ephemeris.name} followed for "
             f"{result['elapsed_s']:.0f} s[/]: truly {_angle(median(found.off_arcsec))} off in the median of "
-            f"{len(found.off_arcsec)} moments, {_angle(max(found.off_arcsec))} at most; by "
-            f"{result['looks']} looks {_angle(result['rms_arcsec'])} rms"
+            f"{len(found.off_arcsec)} moments, {_angle(max(found.off_arcsec))} at most; "
+            + (
+                f"by {result['looks']} looks {_angle(result['rms_arcsec'])} rms"
+                if looks
+                else "too fast for looks"
+            )
         )
     else:
         console.print(f"[bold {color}]{found.moving.ephemeris.name}: followed too shortly to be judged")
