@@ -118,11 +118,14 @@ def _follow_all(
     client: Client, settings: Settings, truth: Callable[[], Icrs], console: Console, wanted: list[Which]
 ) -> int:
     """Follow what was asked for, one after the other; how many of them were followed."""
-    from api.cli.demo_moving import follow_one, made, told
+    from api.cli.demo_moving import azimuth_of, follow_one, made, prepare, told
 
     good = 0
     for which in wanted:
-        found = follow_one(client, made(which, settings), settings.site.site, truth, console)
+        az_deg = azimuth_of(settings)
+        if which == "pass" and not prepare(client, az_deg, console):
+            continue
+        found = follow_one(client, made(which, settings, az_deg), settings.site.site, truth, console)
         told(found, client, console)
         good += found.ok
     return good

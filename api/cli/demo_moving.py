@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from mountnav.client.stream import ServerEvent
     from mountnav.settings.observatory import Settings
 
-__all__ = ["Followed", "Moving", "follow_one", "made", "told"]
+__all__ = ["Followed", "Moving", "azimuth_of", "follow_one", "made", "prepare", "told"]
 
 Which = Literal["comet", "pass"]
 
@@ -46,6 +46,9 @@ a fifth of the sky; doubled, the demo takes twice as long."""
 TRULY_FOLLOWED_ARCSEC = {"comet": 45.0, "pass": 900.0}
 """How far the tube may truly be off in the median, ″: of the comet as `demo` has it of stars; of the
 satellite a quarter of a degree, what a finder shows. Doubled, a target that leaves the frame passes."""
+TO_TOP_S = 70.0
+"""So long before it is highest the satellite's pass is ordered, s: the mount is there by then. Doubled, one
+waits for a minute."""
 LOOK_EVERY_S = 10.0
 """Between two looks at the comet, s: an observer has a minute. Doubled, too few say how fast it moves."""
 _SAMPLE_S = 0.25
@@ -53,8 +56,9 @@ _SAMPLE_S = 0.25
 _SETTLED_S = 8.0
 """The first seconds of following don't count: it has just been caught."""
 _ALTITUDE_DEG = 55.0
-_AZIMUTHS_DEG = (150.0, 210.0, 100.0, 260.0, 330.0, 30.0)
-"""Where a target may stand; the one farthest from the Sun is taken."""
+_AZIMUTHS_DEG = (150.0, 210.0, 110.0, 250.0)
+"""Where a target may stand; the one farthest from the Sun is taken. All are in the south, since near the pole
+a mount that points so wrongly is not synced, and then nothing tells a pass how wrong it points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,8 +91,8 @@ class Followed:
         )
 
 
-def made(which: Which, settings: Settings) -> Moving:
-    """Make a target for the demo's site and this moment."""
+def azimuth_of(settings: Settings) -> float:
+    """In which direction a target may stand: the one farthest from the Sun."""
     utc, site, air = utc_now(), settings.site.site, settings.air.air
     sun = position_of_body("sun", utc, site)
 
@@ -96,12 +100,30 @@ def made(which: Which, settings: Settings) -> Moving:
         place = observed_to_icrs(Observed(az_deg, _ALTITUDE_DEG, utc), site, air)
         return separation_arcsec(place, sun)
 
-    az_deg = max(_AZIMUTHS_DEG, key=from_sun)
+    return max(_AZIMUTHS_DEG, key=from_sun)
+
+
+def made(which: Which, settings: Settings, az_deg: float) -> Moving:
+    """Make a target for the demo's site and this moment."""
+    utc, site, air = utc_now(), settings.site.site, settings.air.air
     if which == "comet":
         text = comet_elements(utc, site, air, alt_deg=_ALTITUDE_DEG, az_deg=az_deg)
         return Moving(which, SmallBody(read_elements(text)[0]), targets.elements(text), COMET_S)
-    lines = satellite_lines(utc, site, in_s=100.0, alt_deg=_ALTITUDE_DEG, az_deg=az_deg)
-    return Moving(which, EarthSatellite(read_tle(lines)[0]), targets.satellite(lines), PASS_S + 70.0)
+    lines = satellite_lines(utc, site, in_s=TO_TOP_S, alt_deg=_ALTITUDE_DEG, az_deg=az_deg)
+    duration_s = TO_TOP_S + PASS_S / 2.0
+    return Moving(which, EarthSatellite(read_tle(lines)[0]), targets.satellite(lines), duration_s)
+
+
+def prepare(client: Client, az_deg: float, console: Console) -> bool:
+    """Center a place where the pass will be: there the mount must point well by itself."""
+    console.print("A pass leaves no time for looks: first the place where it will be is centered")
+    job = client.wait(client.center(TELESCOPE, target=targets.altaz(_ALTITUDE_DEG, az_deg)))
+    for one in job["attempts"]:
+        how = one.get("correction") or ""
+        why = one.get("why") or ""
+        console.print(f"  look {one['number']}: {_angle(one['error_arcsec'])} off; {how} {why}")
+    console.print(f"  {job['state']}")
+    return job["state"] == "succeeded"
 
 
 def follow_one(
@@ -163,8 +185,12 @@ def told(found: Followed, client: Client, console: Console) -> None:
         console.print(
             f"[bold {color}]{found.moving.ephemeris.name} followed for "
             f"{result['elapsed_s']:.0f} s[/]: truly {_angle(median(found.off_arcsec))} off in the median of "
-            f"{len(found.off_arcsec)} moments, {_angle(max(found.off_arcsec))} at most; by "
-            f"{result['looks']} looks {_angle(result['rms_arcsec'])} rms"
+            f"{len(found.off_arcsec)} moments, {_angle(max(found.off_arcsec))} at most; "
+            + (
+                f"by {result['looks']} looks {_angle(result['rms_arcsec'])} rms"
+                if looks
+                else "too fast for looks"
+            )
         )
     else:
         console.print(f"[bold {color}]{found.moving.ephemeris.name}: followed too shortly to be judged")

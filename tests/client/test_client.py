@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -21,6 +22,7 @@ import httpx
 import pytest
 from pydantic import TypeAdapter
 
+from api.demo.moving import comet_elements, satellite_lines
 from api.http.app import create_app
 from api.http.serving import bind, make_server
 from api.orders.vocabulary import KINDS, Order
@@ -32,6 +34,7 @@ from mountnav.client.results import ENDS
 from mountnav.client.sending import Known, Pause, Send, sending
 from mountnav.client.stream import EventReader
 from mountnav.settings.observatory import Settings
+from mountnav.sky.coordinates import Air, Site
 
 DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLE = DOCS / "examples" / "ten_targets.py"
@@ -211,6 +214,10 @@ def test_every_kind_of_order_is_one_that_the_service_knows(client: Client) -> No
         "home": orders.home(),
         "tracking": orders.tracking(True, rate="lunar"),
         "guide": orders.guide("n", 0.5),
+        "follow": orders.follow(targets.named("Moon"), duration_s=60.0, tolerance_arcsec=5.0),
+        "forget-rates": orders.forget_rates(),
+        "offset-rates": orders.offset_rates(0.5, -0.25, for_s=60.0),
+        "move-axis": orders.move_axis("secondary", -0.2, for_s=0.5),
         "trust": orders.trust(),
         "set-site-time": orders.set_site_time(),
         "accept-site-time": orders.accept_site_time(),
@@ -223,6 +230,92 @@ def test_every_kind_of_order_is_one_that_the_service_knows(client: Client) -> No
     assert set(made) == set(KINDS) == {one["kind"] for one in client.capabilities()["kinds"]}
     for kind, order in made.items():
         assert TypeAdapter[Any](Order).validate_python(order).kind == kind
+
+
+def test_every_kind_of_target_is_one_that_the_service_knows(client: Client) -> None:
+    now = datetime.now(UTC)
+    later = now + timedelta(hours=1)
+    site = Site(47.0, 11.0, 0.0)
+    made: list[targets.Target] = [
+        targets.icrs(1.0, 2.0),
+        targets.apparent(1.0, 2.0),
+        targets.altaz(60.0, 120.0),
+        targets.named("Jupiter"),
+        targets.typed("18h36m56s +38°47′"),
+        targets.rates(
+            10.0, 20.0, 0.5, -0.25, begins_utc=now, ends_utc=later, name="a rock", sigma_arcsec=2.0
+        ),
+        targets.altaz_rates(60.0, 120.0, 5.0, -5.0, begins_utc=now, ends_utc=later.isoformat()),
+        targets.path([(now, 10.0, 20.0), (later, 10.5, 20.1)], name="a way"),
+        targets.satellite(satellite_lines(now, site)),
+        targets.elements(comet_elements(now, site, Air())),
+        targets.table(
+            "# made by hand\nutc,ra_deg,dec_deg\n"
+            + "".join(
+                f"{(now + timedelta(minutes=minute)).isoformat()},{10 + 0.01 * minute:.4f},20.0\n"
+                for minute in range(8)
+            )
+        ),
+    ]
+    assert {one["kind"] for one in made} == set(client.capabilities()["targets"])
+    for target in made[:-1]:
+        forecast = client.forecast("east", target, hours=0.2)
+        assert forecast["events"] == sorted(forecast["events"], key=lambda one: one["utc"])
+        assert forecast["moves"] is (target["kind"] not in ("icrs", "apparent", "altaz", "typed"))
+        assert (forecast["total_arcsec_s"] or 0.0) > 0.0 or not forecast["moves"]
+    with pytest.raises(ValueError, match="time zone"):
+        targets.path([(datetime(2026, 11, 26), 1.0, 2.0), (later, 1.0, 2.0)])
+
+
+def test_a_forecast_of_nothing_is_refused(client: Client) -> None:
+    with pytest.raises(ServiceError) as refused:
+        client.forecast("east", targets.named("No Such Star"))
+    assert refused.value.status == 422
+    over = datetime.now(UTC) - timedelta(hours=2)
+    gone = targets.rates(1.0, 2.0, 1.0, 1.0, begins_utc=over, ends_utc=over + timedelta(hours=1))
+    with pytest.raises(ServiceError) as refused:
+        client.forecast("east", gone)
+    assert refused.value.slug == "bad-request"
+
+
+# -- what moves and ends -------------------------------------------------------------------------------
+
+
+def test_rates_and_a_held_axis_end_by_themselves(client: Client) -> None:
+    client.succeeded(client.order("east", orders.tracking(True)), timeout_s=60.0)
+    job = client.succeeded(client.offset_rates("east", 0.5, -0.25, for_s=600.0), timeout_s=60.0)
+    assert job["result"] is not None
+    rates = client.telescope("east")["rates"]
+    assert rates is not None
+    assert rates["dec_arcsec_s"] == pytest.approx(-0.25)
+    client.succeeded(client.offset_rates("east", 0.0, 0.0), timeout_s=60.0)
+    assert client.telescope("east")["rates"] is None
+    (can,) = client.capabilities()["telescopes"]
+    speed = can["axis_speeds_deg_s"]["secondary"][2]
+    first = client.move_axis("east", "secondary", speed, for_s=2.0)
+    again = client.move_axis("east", "secondary", speed, for_s=1.0)
+    assert again["id"] == first["id"]
+    assert client.telescope("east")["axes_moved"][0]["axis"] == "secondary"
+    assert client.telescope("east")["slewing"]
+    done = client.succeeded(first, timeout_s=60.0)
+    assert done["result"] is not None
+    assert done["result"]["axes"][0]["why"] == "no further order came in time"
+    assert client.telescope("east")["axes_moved"] == []
+
+
+def test_a_motion_whose_answer_is_lost_is_not_sent_again(
+    service: Served, proxy: Proxy, client: Client
+) -> None:
+    (can,) = client.capabilities()["telescopes"]
+    speed = can["axis_speeds_deg_s"]["secondary"][0]
+    with Client(proxy.url, timeout_s=60.0) as shaky:
+        proxy.losses = 1
+        with pytest.raises(httpx.TransportError):
+            shaky.move_axis("east", "secondary", speed, for_s=0.5)
+    assert proxy.lost == 1
+    newest = client.jobs("east", count=1)[0]
+    assert newest["kind"] == "move-axis"
+    client.wait(newest, timeout_s=60.0)
 
 
 # -- orders --------------------------------------------------------------------------------------------
