@@ -240,8 +240,8 @@ def night(seed: int) -> Night:
         altaz,
         int(rng.integers(1, 4)),
         jump_at,
-        f"{every:.0f} s {kind} {'cheap' if cheap else 'fine' if fine else 'good'}{' alt-az' if altaz else ''} play {play:.0f}″"
-        f" noise {math.hypot(solve, motion):.2f}″",
+        f"{every:.0f} s {kind} {'cheap' if cheap else 'fine' if fine else 'good'}"
+        f"{' alt-az' if altaz else ''} play {play:.0f}″ noise {math.hypot(solve, motion):.2f}″",
     )
 
 
@@ -260,9 +260,11 @@ class Plant:
         self.step_arcsec = one.step_arcsec
 
     def step(self, amount: float) -> None:
+        """Move by whole steps of its grain."""
         self.move(round(amount / self.step_arcsec) * self.step_arcsec)
 
     def move(self, amount: float) -> None:
+        """Move the motor."""
         if amount == 0.0:
             return
         amount *= self.gain * (1.0 + self.noise * float(self.rng.standard_normal()))
@@ -337,16 +339,19 @@ class Best:
         self.F, self.Q = whole, grown
 
     def predict(self) -> None:
+        """Go on to the next look."""
         self.x = self.F @ self.x
         self.P = self.F @ self.P @ self.F.T + self.Q
 
     def update(self, d: float, variance: float) -> None:
+        """Take in a look: where the axis would be without corrections."""
         PH = self.P @ self.row
         S = float(self.row @ PH) + variance
         self.x = self.x + PH * ((d - float(self.row @ self.x)) / S)
         self.P = self.P - np.outer(PH, PH) / S
 
     def correct(self, plant: Plant) -> None:
+        """Correct by the law that is optimal for what the mount takes."""
         path = self.rows @ self.x + plant.made
         if self.kind == "pulses":
             plant.step(-float(NODE_WEIGHTS @ path))

@@ -27,8 +27,8 @@ REVERSED, IGNORED = -1.0, 0.0
 _UNKNOWN_GAINS = (0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.15, 1.4, 1.7, 2.1)
 """Shares of a correction that an axis may make where its guide rate isn't known: it may be a tenth of the
 sidereal rate or all of it. Where it is known none is learned: a share that is otherwise by a fifth makes
-corrections that much too large or too small, which the next look shows; and under corrections it can hardly be
-told from a drift that is larger by as much."""
+corrections that much too large or too small, which the next look shows; and under corrections it can hardly
+be told from a drift that is larger by as much."""
 _PLAYS_ARCSEC = (0.0, 1.5, 3.0, 5.0, 8.0, 12.0, 17.0, 24.0)
 """Plays that are held possible where none is declared, ″: those of ordinary declination axes."""
 _PLAY_SCALE_ARCSEC = 8.0

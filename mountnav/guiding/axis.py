@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,22 +19,30 @@ Array = NDArray[np.float64]
 SURE_SIGMAS = 1.5
 """An axis is corrected once the looks show with so many sigma that their forecast beats doing nothing, and no
 more once they don't. Doubled, small drifts are left for twice as long."""
-UNPROVEN_SIGMAS = 2.5
-"""Before that, and where it isn't so any more, only what is off by so many sigma of the forecast is corrected.
-Halved, one look of four disturbs a mount that stands still."""
-LEAST_LOOKS = 2
-"""Looks before anything is corrected."""
+UNPROVEN_SIGMAS = 3.0
+"""Before that, and where it isn't so any more, only what is off by so many sigma of the forecast is
+corrected. Halved, one look of ten disturbs a mount that stands still."""
+LEAST_LOOKS, EARLY_LOOKS, EARLY_SIGMAS = 2, 5, 5.0
+"""Looks before anything is corrected; and up to so many only what is off by so many sigma: of few looks it can
+hardly be told what scatters and what moves. With half of these sigmas one mount of five that stands still is
+moved at its start."""
 _EVIDENCE = 4.0
 """Logarithm of the odds that a new period must win by: of some fifty periods that were tried one is the best
 by chance. Halved, one night in seven has a period that isn't there; it is small then."""
 _BETTER = 0.0
 """The same for a better period in the place of one that was found."""
-_GROWTH = 1.25
-"""A period is sought each time that the looks have become more by this factor."""
+_GROWTH, _GROWTH_LATER, _SETTLED_LOOKS = 1.25, 1.8, 150
+"""A period is sought each time that the looks have become more by this factor; more seldom after so many."""
+_SCAN_STEPS, _SCAN_TURN, _SCAN_MOST = 8, 0.1, 0.045
+"""Periods compared on either side of one that is proposed; their distance in turns over all looks, and as a
+share of the period at the most. With twice the distance the best lies between two that both fit badly."""
 _PHASE_RAD = 0.15
 """A period is exchanged for a better one when the two come so far apart over all looks."""
 _MOST_KEPT = 600
 """Looks that a period is sought in, the newest. Doubled, the search takes four times as long."""
+_MOST_STORY = 8000
+"""Looks and corrections of a field that can be gone through again for another period: a night's, and 2 s of
+work. After so many the period stays as it is. Doubled, a search takes 4 s of a thread."""
 _FAULTY = 0.99
 """Probability from which on corrections count as ignored, or as reversed."""
 _WIDEST_ARCSEC = 60.0
@@ -43,8 +52,8 @@ _PLAY_SHARE = 0.3
 """Share of the play's sigma that a turn is taken to disturb by. Halved, an axis whose play isn't known turns
 round for errors that drift would undo."""
 _LONGEST_OFF = 15.0
-"""Intervals that an axis is taken to be off for at the most, where nothing is done. Doubled, the motor is turned
-round for errors that noise alone makes."""
+"""Intervals that an axis is taken to be off for at the most, where nothing is done. Doubled, the motor is
+turned round for errors that noise alone makes."""
 _YOUNG_LOOKS = 30
 """Before so many looks of a field the bank isn't begun anew by a surprise: it has hardly been thinned out."""
 _COAST_SIGMAS = 1.0
@@ -104,7 +113,8 @@ class HeldAxis:
         self._swings = swings
         self._filter = self._new_filter(period_s)
         self._story: list[_Seen | _Moved | _Jumped | _Shifted] = []
-        self._without: list[tuple[float, float, float]] = []
+        self._story_over = False
+        self._without: deque[tuple[float, float, float]] = deque(maxlen=_MOST_KEPT)
         self._jumps = self._dithered = 0.0
         self._rate = 0.0
         self._rate_since_s = 0.0
@@ -116,12 +126,17 @@ class HeldAxis:
         self._owed = False
         self.worth_it = False
 
-    def _new_filter(self, period_s: float | None) -> AxisFilter:
+    def _told(self, event: _Seen | _Moved | _Jumped | _Shifted) -> None:
+        if not self._story_over:
+            self._story.append(event)
+
+    def _new_filter(self, period_s: float | None, *, scanned_s: Array | None = None) -> AxisFilter:
         return AxisFilter(
             Play(self.actuator),
             start_sigma_arcsec=self._start_sigma,
             period_s=period_s,
             swings=self._swings,
+            scanned_s=scanned_s,
         )
 
     # -- time and corrections ------------------------------------------------------------------------
@@ -150,7 +165,7 @@ class HeldAxis:
         self._last_amount = amount
         self._filter.play.make(amount)
         self._filter.disturbed(variance)
-        self._story.append(_Moved(amount, variance))
+        self._told(_Moved(amount, variance))
 
     def corrected(self, correction: AxisCorrection, utc_s: float) -> None:
         """A correction was made."""
@@ -172,6 +187,8 @@ class HeldAxis:
         self._moved_on(utc_s)
         paths, weights = self._filter.forecast(utc_s, node_times(interval_s))
         sigmas = 0.0 if self.worth_it or self._owed else UNPROVEN_SIGMAS
+        if self._looks < EARLY_LOOKS and not self._owed:
+            sigmas = EARLY_SIGMAS
         if not fresh:
             sigmas = max(sigmas, _COAST_SIGMAS)
         margin = 0.0 if sigmas == 0.0 else (sigmas * self._filter.forecast_sigma_arcsec(utc_s)) ** 2
@@ -220,22 +237,28 @@ class HeldAxis:
         self._score_variance += 4.0 * noise * forecast**2
         self._filter.update(seen_arcsec, sigma_arcsec)
         self._looks += 1
-        self._story.append(_Seen(utc_s, seen_arcsec, sigma_arcsec))
+        self._told(_Seen(utc_s, seen_arcsec, sigma_arcsec))
         self._without.append((utc_s, without - self._jumps, sigma_arcsec))
         sure = SURE_SIGMAS * math.sqrt(self._score_variance)
         self.worth_it = self._score > (0.0 if self.worth_it else sure)
+        if len(self._story) > _MOST_STORY:
+            self._story.clear()
+            self._story_over = True
+        if self._story_over:
+            return
         if self._filter.surprised and self._looks > _YOUNG_LOOKS:
             self._filter = self._replayed(self.period_s)
             self._filter.surprise = 1.0
         if self._swings and self._looks >= self._seek_at:
-            self._seek_at = math.ceil(self._looks * _GROWTH)
+            growth = _GROWTH if self._looks < _SETTLED_LOOKS else _GROWTH_LATER
+            self._seek_at = math.ceil(self._looks * growth)
             self._seek_period()
 
     def jumped(self, by_arcsec: float) -> None:
         """It has been moved by something, by about so much, as looks show."""
         sigma = max(abs(by_arcsec), 1.0)
         self._filter.jumped(sigma)
-        self._story.append(_Jumped(sigma, by_arcsec))
+        self._told(_Jumped(sigma, by_arcsec))
         self._jumps += by_arcsec
 
     def another_field(self, sigma_arcsec: float) -> None:
@@ -245,6 +268,7 @@ class HeldAxis:
         self._filter.log_evidence, self._filter.surprise = 0.0, 1.0
         # what was seen before is of other worm teeth, and of another level: it can't be replayed
         self._story.clear()
+        self._story_over = False
         self._without.clear()
         self._jumps = self._dithered = 0.0
         self._looks, self._seek_at = 0, 10
@@ -256,14 +280,13 @@ class HeldAxis:
     def wanted_elsewhere(self, by_arcsec: float) -> None:
         """The place where it should look has moved by so much: a dither."""
         self._filter.shifted(-by_arcsec)
-        self._story.append(_Shifted(-by_arcsec))
+        self._told(_Shifted(-by_arcsec))
         self._dithered -= by_arcsec
         # it goes there whatever looks have shown of drift so far
         self._owed = True
 
     def _seek_period(self) -> None:
-        recent = self._without[-_MOST_KEPT:]
-        table = np.array(recent)
+        table = np.array(self._without)
         found = propose_period(table[:, 0], table[:, 1], table[:, 2])
         if found is None:
             return
@@ -272,6 +295,11 @@ class HeldAxis:
             apart = 2.0 * math.pi * span * abs(1.0 / found - 1.0 / self.period_s)
             if apart < _PHASE_RAD:
                 return
+        turns = span / found
+        # near each other enough that the best phase of one is nearly that of the next
+        steps = np.arange(-_SCAN_STEPS, _SCAN_STEPS + 1) * min(_SCAN_TURN / turns, _SCAN_MOST)
+        scan = self._replayed(None, scanned_s=found / (1.0 + steps))
+        found = scan.likely_period_s()
         bar = _BETTER if self.period_s is not None and not self.period_told else _EVIDENCE
         proposed = self._replayed(found)
         if proposed.log_evidence <= self._filter.log_evidence + bar:
@@ -284,9 +312,9 @@ class HeldAxis:
                 return
         self._filter, self.period_s, self.period_told = proposed, found, False
 
-    def _replayed(self, period_s: float | None) -> AxisFilter:
+    def _replayed(self, period_s: float | None, *, scanned_s: Array | None = None) -> AxisFilter:
         """A filter with that period that has seen all that was seen."""
-        fresh = self._new_filter(period_s)
+        fresh = self._new_filter(period_s, scanned_s=scanned_s)
         for event in self._story:
             match event:
                 case _Seen():

@@ -56,6 +56,9 @@ _COARSE_WALK = 1e-3
 """How the level walks beside it, ″²/s."""
 _COARSE_SEEINGS_ARCSEC = (0.2, 0.8)
 """Seeing beside it, ″."""
+_SCAN_WALK, _SCAN_SEEING_ARCSEC = 1e-3, 0.5
+"""Walk, ″²/s, and seeing, ″, by which periods are compared with each other: those of ordinary mounts. Tenfold
+walks make near periods alike; a tenth of it lets a drift that bends decide between them."""
 _FORGETTING = 0.995
 """By this the weights' logarithms shrink with each look: the bank remembers some 200 looks. Doubled closeness
 to 1, it takes twice as long to notice that the wind has risen."""
@@ -124,6 +127,8 @@ class AxisFilter:
         Of the periodic part; None: not known, or there is none.
     swings : bool
         Whether a periodic part is held possible where no period is known.
+    scanned_s : ndarray, optional
+        Periods to be compared with each other: a filter for each, and all its evidence kept.
     """
 
     def __init__(
@@ -133,8 +138,10 @@ class AxisFilter:
         start_sigma_arcsec: float,
         period_s: float | None = None,
         swings: bool = True,
+        scanned_s: Array | None = None,
     ) -> None:
         self.play = play
+        self._forgetting = _FORGETTING if scanned_s is None else 1.0
         self.period_s = period_s
         self.utc_s: float | None = None
         self.log_evidence = 0.0
@@ -155,6 +162,9 @@ class AxisFilter:
                 for p in _COARSE_PERIODS_S
                 for s in _COARSE_SEEINGS_ARCSEC
             ]
+        if scanned_s is not None:
+            grid = [(_RATE_CLASSES[1], _SCAN_WALK, _SCAN_SEEING_ARCSEC, float(p), 1.0) for p in scanned_s]
+            harmonics = HARMONICS
         h, n = len(grid), 2 + 2 * harmonics
         self._harmonics = harmonics
         self._rate_walk = np.array([row[0][1] for row in grid])
@@ -171,9 +181,9 @@ class AxisFilter:
         self._creep = np.zeros((h, harmonics))
         for j in range(harmonics):
             at = 2 + 2 * j
-            if period_s is not None:
+            if period_s is not None or scanned_s is not None:
                 power = (share * _AMPLITUDES_ARCSEC[j]) ** 2
-                self._creep[:, j] = power / (_CREEP_TURNS * period_s)
+                self._creep[:, j] = power / (_CREEP_TURNS * (2.0 * math.pi / self._turn_rate))
             else:
                 power = (share * _COARSE_AMPLITUDE_ARCSEC) ** 2
                 self._creep[:, j] = 2.0 * power / (_COARSE_TURNS * coarse)
@@ -272,7 +282,7 @@ class AxisFilter:
     def _looked(self) -> tuple[int, Array, Array, Array, float, float]:
         """What the filters have at the present instant: five things, once for all who ask.
 
-        Gain before it is divided, variance, where the axis is, the mean of that, the variance between filters.
+        Gain before it is divided, variance, where the axis is, the mean of that, the variance between them.
         """
         known = self._at_look
         if known is not None and known[0] == self.play.moves:
@@ -312,14 +322,14 @@ class AxisFilter:
         self.log_evidence += top + math.log(total)
         # what wind and gears do changes with the hours, and old evidence of it fades; play and gain stay
         of_m = weight.sum(axis=0) / total
-        fading = _FORGETTING * (joint - joint.max(axis=0))
+        fading = self._forgetting * (joint - joint.max(axis=0))
         fading -= np.log(np.exp(fading).sum(axis=0))
         # none of these is ever out of the question: what walks and drifts may imitate them for a while
         of_m = np.log((1.0 - _DOUBT) * of_m + _DOUBT * np.exp(self.play.log_prior))
         self._log_weight = of_m + fading
         self._weight = np.exp(self._log_weight)
         self._updates += 1
-        if self._updates % _PRUNE_AFTER == 0:
+        if self._forgetting < 1.0 and self._updates % _PRUNE_AFTER == 0:
             self._prune_filters()
 
     def _prune_filters(self) -> None:
@@ -335,6 +345,17 @@ class AxisFilter:
         total = float(weight.sum())
         self._log_weight = log_weight - log_weight.max() - math.log(total)
         self._weight = weight / total
+
+    def likely_period_s(self) -> float:
+        """The best of the periods that were scanned, between the grid's steps by a parabola."""
+        weight = np.log(np.maximum(self._weight.sum(axis=1), 1e-300))
+        at = int(np.argmax(weight))
+        rate = self._turn_rate
+        if not 0 < at < weight.size - 1:
+            return float(2.0 * math.pi / rate[at])
+        bend = weight[at - 1] - 2.0 * weight[at] + weight[at + 1]
+        shift = 0.0 if bend >= 0.0 else 0.5 * (weight[at - 1] - weight[at + 1]) / bend
+        return float(2.0 * math.pi / (rate[at] + shift * 0.5 * (rate[at + 1] - rate[at - 1])))
 
     @property
     def surprised(self) -> bool:

@@ -596,7 +596,8 @@ class Holding:
         self._rotation.add(utc_s, look.solution.rotation_deg)
         self._turned = self._axes_turn(look.mid_exposure_utc)
         primary, secondary = self._to_axes(off.east_arcsec, off.north_arcsec)
-        seen = self._guider.look(utc_s, primary, secondary, self._sigma)
+        # a search for a period takes up to seconds: a stop must not wait for that
+        seen = await asyncio.to_thread(self._guider.look, utc_s, primary, secondary, self._sigma)
         counts = self._counts
         match seen.fate:
             case LookFate.GATED:
