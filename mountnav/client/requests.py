@@ -19,6 +19,7 @@ from mountnav.client.results import (
     Health,
     Job,
     LeaseState,
+    NextPanel,
     SkyObject,
     StopAll,
     Stopped,
@@ -232,6 +233,13 @@ def unpark(telescope_id: str, *, wait_s: float = 0.0, key: str | None = None) ->
 def cancel(job_id: Job | str) -> Request[Job]:
     """End a job; the mount is stopped. Twice is fine."""
     return Request("DELETE", f"/v1/jobs/{_id(_id_of(job_id))}")
+
+
+def next_panel(job_id: Job | str) -> Request[NextPanel]:
+    """Say that the camera is through with a frame of a mosaic's panel. Never sent twice: each counts."""
+    telescope = None if isinstance(job_id, str) else job_id["telescope"]
+    path = f"/v1/jobs/{_id(_id_of(job_id))}/next"
+    return Request("POST", path, again=False, telescope=telescope)
 
 
 def stop(telescope_id: str) -> Request[Stopped]:
