@@ -53,6 +53,8 @@ _MOST_BYTES = 65_536
 _ENDING_S = 20.0
 """Asked to end (SIGTERM) while it tries, it does so for so long yet, s: systemd kills after 30 s (deploy).
 Doubled, it is killed before it has written what became of it."""
+HELD_UP = frozenset({signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
+"""Signals that it is started without, until it has its handlers."""
 
 
 class Guard:
@@ -276,6 +278,7 @@ def main() -> None:
     # a terminal's are for the service
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE):
         signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, HELD_UP)
     guard.run()
 
 

@@ -89,7 +89,9 @@ def vector_to_body_km(name: str, utc: datetime, site: Site) -> Any:
             f"no ephemeris here has {name.capitalize()} at {utc:%Y-%m-%d}",
             advice="import one that has: mountnav ephemeris import FILE.bsp",
         )
-    return seen_from(lambda jd1, jd2: _of_formula(name, jd1, jd2), utc, site)[0]
+    _, earth = erfa.epv00(now.jd1, now.tdb2)
+    earth_km = np.asarray(earth["p"]) * AU_KM
+    return seen_from(lambda jd1, jd2: _of_formula(name, jd1, jd2), utc, site, earth_km)[0]
 
 
 def sigma_of_body_arcsec(name: str, utc: datetime) -> float:
