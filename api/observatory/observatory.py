@@ -51,7 +51,7 @@ from mountnav.settings.telescope import (
     TelescopeSettings,
 )
 from mountnav.simulation.mechanics import Mechanics
-from mountnav.simulation.rotator_mechanics import RotatorMechanics
+from mountnav.simulation.rotator_mechanics import RotatorBehavior, RotatorMechanics
 
 _log = logging.getLogger(__name__)
 
@@ -437,6 +437,11 @@ def _yes_or_no(value: bool | None) -> str | None:
     return None if value is None else "yes" if value else "no"
 
 
+_SIMULATED_DEG_S = 12.0
+"""How fast a simulated rotator turns, °/s: four times as fast as usual ones, as nobody likes to wait. Doubled,
+a demonstration hardly shows it turn."""
+
+
 def _rotator(one: TelescopeSettings) -> tuple[Rotator | None, RotatorMechanics | None]:
     """What turns the camera; and how, if it is a simulated one."""
     if one.rotator is None:
@@ -447,7 +452,9 @@ def _rotator(one: TelescopeSettings) -> tuple[Rotator | None, RotatorMechanics |
     from drivers.simulated.rotator import simulated_rotator
 
     clock = SystemClock()
-    turns = RotatorMechanics(clock, starts_deg=one.rotator.rules.least_deg + 10.0)
+    turns = RotatorMechanics(
+        clock, RotatorBehavior(rate_deg_s=_SIMULATED_DEG_S), starts_deg=one.rotator.rules.least_deg + 10.0
+    )
     return simulated_rotator(turns, clock, name=name), turns
 
 

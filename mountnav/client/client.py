@@ -93,6 +93,7 @@ class Calls:
     park = Call(requests.park)
     unpark = Call(requests.unpark)
     cancel = Call(requests.cancel)
+    next_panel = Call(requests.next_panel)
     stop = Call(requests.stop)
     stop_all = Call(requests.stop_all)
 

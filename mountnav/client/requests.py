@@ -20,6 +20,7 @@ from mountnav.client.results import (
     Health,
     Job,
     LeaseState,
+    NextPanel,
     SkyObject,
     StopAll,
     Stopped,
@@ -284,6 +285,13 @@ def offset_rates(
 def cancel(job_id: Job | str) -> Request[Job]:
     """End a job; the mount is stopped. Twice is fine."""
     return Request("DELETE", f"/v1/jobs/{_id(_id_of(job_id))}")
+
+
+def next_panel(job_id: Job | str) -> Request[NextPanel]:
+    """Say that the camera is through with a frame of a mosaic's panel. Never sent twice: each counts."""
+    telescope = None if isinstance(job_id, str) else job_id["telescope"]
+    path = f"/v1/jobs/{_id(_id_of(job_id))}/next"
+    return Request("POST", path, again=False, telescope=telescope)
 
 
 def stop(telescope_id: str) -> Request[Stopped]:

@@ -55,6 +55,12 @@ class Job(TypedDict):
     finished_utc: str | None
 
 
+class NextPanel(TypedDict):
+    """How a mosaic goes on: so many frames are wanted yet of its panel; 0: the next one begins."""
+
+    left: int
+
+
 class NextLimit(TypedDict):
     """The limit that tracking on leads to."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -73,14 +74,20 @@ class RotatorMechanics:
         self._count_deg = starts_deg
         self._camera_deg = starts_deg
         self._wanted_deg: float | None = None
-        self._since_s = clock.monotonic_s()
+        self._since = clock.utc()
+        # its camera draws in a thread
+        self._lock = threading.RLock()
         self.orders: list[float] = []
         self.travel: list[float] = [starts_deg]
         """Its count at each look at it, not brought into one turn: by it cables are wound up."""
 
     def _run(self) -> None:
-        now_s, behavior = self._clock.monotonic_s(), self.behavior
-        passed_s, self._since_s = now_s - self._since_s, now_s
+        with self._lock:
+            self._run_on()
+
+    def _run_on(self) -> None:
+        now, behavior = self._clock.utc(), self.behavior
+        passed_s, self._since = max(0.0, (now - self._since).total_seconds()), now
         if self._wanted_deg is None or behavior.ignores:
             return
         way_deg = self._wanted_deg - self._count_deg

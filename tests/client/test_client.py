@@ -200,7 +200,13 @@ def test_a_state_that_has_not_changed_is_not_sent_again(client: Client, service:
 def test_every_kind_of_order_is_one_that_the_service_knows(client: Client) -> None:
     made: dict[str, orders.Order] = {
         "slew": orders.slew(targets.icrs(1.0, 2.0, pm_dec_masyr=3.0)),
-        "center": orders.center(targets.apparent(1.0, 2.0), tolerance_arcsec=10.0, correct_by="sync"),
+        "center": orders.center(
+            targets.apparent(1.0, 2.0),
+            tolerance_arcsec=10.0,
+            correct_by="sync",
+            at={"x_px": 1.0, "y_px": 2.0},
+            position_angle_deg=5.0,
+        ),
         "look": orders.look(exposure_s=1.0),
         "sync": orders.sync(),
         "sync-to": orders.sync_to(targets.altaz(50.0, 180.0)),
@@ -224,6 +230,9 @@ def test_every_kind_of_order_is_one_that_the_service_knows(client: Client) -> No
         "recover": orders.recover(),
         "first-light": orders.first_light(exposure_s=2.0),
         "solve": orders.solve(path="m31.fits", ra_deg=10.7, dec_deg=41.3, radius_deg=2.0, blind="never"),
+        "rotate": orders.rotate(30.0, either_way=True),
+        "mosaic": orders.mosaic(targets.named("M31"), across=2, down=3, frames=20),
+        "spiral-search": orders.spiral_search(targets.named("Vega"), radius_deg=2.0),
         "series": orders.series(target=targets.named("Vega"), looks=5),
         "model-run": orders.model_run(points=10, spread="random", seed=3, put_in_force=False),
     }
