@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.fakes.bench import FakeOnPty
+from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from mountnav.sky.coordinates import Site
 from tests.drivers.indi_process import Indi, running
 from tests.drivers.ioptron.german_fakes import fake_of
+from tests.drivers.lx200.german_fakes import german
 from tests.drivers.rates_kept import kept_rates
 from tests.drivers.skywatcher.quick_fakes import NORTH, SOUTH, quick
 from tests.drivers.skywatcher.test_fake_indi import DEVICE, DRIVER, PACKAGE, connect, tell_site_and_time
@@ -88,3 +89,26 @@ async def test_the_real_eqmod_driver_runs_both_motors(
 
             await indi.until(goes, f"tracking at {east_arcsec_s}")
             assert fake.unknown == []
+
+
+@pytest.mark.long
+async def test_the_real_astro_physics_driver_adds_times_sidereal(tmp_path: Path) -> None:
+    """It counts them to the west, as we do; a declination to the north it sends as one to the south."""
+    fake = german("ap")
+    with FakeOnTcp(fake) as bench:
+        async with running("indi_lx200ap_v2", "AstroPhysics V2", tmp_path) as indi:
+            await indi.connect(bench)
+            await indi.give("Number", "POLLING_PERIOD", PERIOD_MS="250")
+            await indi.give("Switch", "TELESCOPE_PARK", UNPARK="On")
+            await indi.give("Switch", "TELESCOPE_TRACK_STATE", TRACK_ON="On")
+            tracking = ("TELESCOPE_TRACK_STATE", "TRACK_ON")
+            await indi.until(lambda: indi.values.get(tracking) == "On", "seeing that it tracks")
+            await indi.give("Switch", "TELESCOPE_TRACK_MODE", TRACK_CUSTOM="On")
+            await track_at(indi, 13.0)
+            await indi.until(lambda: b":RR-0.1357#" in fake.obeyed, "setting a rate")
+            assert kept_rates(fake.mechanics) == pytest.approx((SIDEREAL_ARCSEC_S - 13.0, 0.0), abs=2e-3)
+            await track_at(indi, 15.5, 1.5)
+            await indi.until(lambda: b":RD+0.0997#" in fake.obeyed, "setting rates")
+            expected = (SIDEREAL_ARCSEC_S - 15.5, -1.5)
+            assert kept_rates(fake.mechanics) == pytest.approx(expected, abs=2e-3)
+    assert fake.unknown == []
