@@ -256,7 +256,7 @@ class SkywatcherLanguage(SkywatcherReading):
         self._begin("limit", self._stop_at_limit(await self._until_limit_deg(along_deg_s), along_deg_s))
 
     async def _until_limit_deg(self, along_deg_s: float) -> float:
-        along_deg = sky_sign(self._site.latitude_deg) * (await self._turns()).first_deg
+        along_deg = sky_sign(self._site.latitude_deg) * (await self._rough_turns()).first_deg
         return 90.0 + self._settings.tracking_past_deg - math.copysign(along_deg, along_deg * along_deg_s)
 
     async def _stop_at_limit(self, left_deg: float, along_deg_s: float) -> None:
@@ -326,7 +326,7 @@ class SkywatcherLanguage(SkywatcherReading):
     async def _ways(self) -> tuple[int, int]:
         """Which way the first axis runs with the sky, and which way the second one to the north."""
         latitude_deg = self._site.latitude_deg
-        return sky_sign(latitude_deg), raises_dec(await self._turns(), latitude_deg)
+        return sky_sign(latitude_deg), raises_dec(await self._rough_turns(), latitude_deg)
 
     async def send_offset_rates(self, rates: OffsetRates) -> None:
         """Run both motors as what moves among the stars wants it; `STARS_RATES` ends that.

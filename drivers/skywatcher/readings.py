@@ -258,6 +258,11 @@ class SkywatcherReading(SerialLanguage):
     async def _counts(self) -> tuple[Count, Count]:
         return await self._motors.sharp_count(Axis.HOUR_ANGLE), await self._motors.count(Axis.DECLINATION)
 
+    async def _rough_turns(self) -> Turns:
+        """How the axes stand, by one look at each: good to what they turn in an exchange."""
+        counts = [(await self._motors.count(axis)).value for axis in Axis]
+        return self._axis_counts.turns(*counts)
+
     async def _turns(self) -> Turns:
         first, second = await self._counts()
         return self._axis_counts.turns(first.value, second.value)
