@@ -7,6 +7,7 @@ import asyncio
 import pytest
 
 from drivers.registry import open_mount
+from mountnav.clock import utc_now
 from mountnav.devices import (
     STARS_RATES,
     MountAxis,
