@@ -148,7 +148,8 @@ class Guard:
                     except Exception as error:  # whatever it is, it is tried again
                         trouble = f"{type(error).__name__}: {error}"
                         self._log(f"try {tries}: {trouble}")
-            asked = self.ending_s is not None and time.monotonic() > self.ending_s + _ENDING_S
+            asked_s = self.ending_s
+            asked = asked_s is not None and time.monotonic() > max(asked_s, began_s) + _ENDING_S
             if not outcome and (asked or time.monotonic() - began_s > _GIVES_UP_S):
                 outcome = "given up"
             if outcome:

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal, Protocol
 
+from mountnav.errors import DeviceError
 from mountnav.journal.records import CommandEnd, CommandRecord, Outcome
 
 SelfActing = Literal["offset-rates", "move-axis"]
@@ -41,6 +43,11 @@ class Deadman(Protocol):
         """The service lets the mount go without having been able to end it: to be ended now. Never raises."""
         ...
 
+
+LEFT_S = 600.0
+"""What an earlier run has left is this one's for so long, s: then the guard tries as well. Chosen by hand: a
+mount that takes ten minutes to answer is rather one that only another process can reach. Doubled, it waits
+longer."""
 
 Row = tuple[CommandRecord, CommandEnd | None]
 
@@ -144,7 +151,8 @@ class Armed:
         if self._until.pop(what, None) is None:
             return
         if self._until:
-            self._guard.arm(max(self._until.values()), self._until)
+            with suppress(DeviceError):  # it was armed for both
+                self._guard.arm(max(self._until.values()), self._until)
         else:
             self._guard.disarm()
 

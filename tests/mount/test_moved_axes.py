@@ -219,7 +219,8 @@ async def _distrust(rig: FollowingRig) -> None:
 
 
 @pytest.mark.parametrize("order", [_stop, _slew, _park, _home, _rest, _track, _close, _distrust])
-def test_each_order_and_mishap_ends_it(order: Setting) -> None:
+@pytest.mark.parametrize("native", [False, True])
+def test_each_order_and_mishap_ends_it(order: Setting, native: bool) -> None:
     async def work(rig: FollowingRig) -> None:
         await south(rig)
         await rig.mount.move_axis("primary", 1.0, for_s=5.0)
@@ -230,7 +231,7 @@ def test_each_order_and_mishap_ends_it(order: Setting) -> None:
         assert rig.guard.until_utc is None
         assert max(map(abs, speeds(rig))) < 0.005
 
-    run_following(work, machine=BRISK)
+    run_following(work, machine=BRISK, native=native)
 
 
 @pytest.mark.parametrize("fault", ["end-axis", "deaf-axis"])

@@ -18,8 +18,10 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 
+from api.http.app import create_app
 from api.observatory.dead_man import MountGuard
 from drivers.registry import open_mount
 from mountnav.clock import utc_now
@@ -27,6 +29,7 @@ from mountnav.devices import OffsetRates, TakesOffsetRates
 from mountnav.errors import DeviceRefused
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.records import EntryKind
+from mountnav.settings.observatory import Settings
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from tests.api.observatory.true_mount import SITE
 
@@ -478,3 +481,49 @@ async def test_a_service_waits_for_a_guard_that_is_at_work(true_mount: TrueMount
     guard.release()
     taking.wait()
     taking.stdout.close()
+
+
+# -- the client ------------------------------------------------------------------------------------
+
+INSIDE = """
+[service]
+port = 0
+[solving]
+worker = false
+blind = "never"
+[site]
+latitude_deg = 47.0
+longitude_deg = 11.0
+[[telescope]]
+id = "east"
+mount = { url = "fake+lx200://?dialect=onstep", slew_rate_deg_s = 45.0, acceleration_deg_s2 = 8.0 }
+camera = { kind = "simulated", width_px = 400, height_px = 300, scale_arcsec_px = 4.0 }
+"""
+
+
+@pytest.mark.parametrize("on_expiry", ["stop", "park"])
+async def test_rates_do_not_outlive_the_lease_of_a_client_that_died(
+    on_expiry: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MOUNTNAV_CACHE", str(tmp_path / "cache"))
+    app = create_app(Settings.parse(INSIDE))
+    transport = httpx.ASGITransport(app=app)
+    async with (
+        app.router.lifespan_context(app),
+        httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60) as client,
+    ):
+        telescope = app.state.service.observatory.telescope("east")
+        # it dies with the service: there is nobody to guard it, and nothing to be guarded from
+        assert telescope.dead_man is None
+        mount, mechanics = (await telescope.ready()).mount, telescope.mechanics
+        mount.trust()
+        mechanics.tracking = True
+        taken = await client.post("/v1/telescopes/east/lease", json={"ttl_s": 5, "on_expiry": on_expiry})
+        assert taken.status_code == 201, taken.text
+        ends = utc_now() + timedelta(seconds=600.0)
+        await mount.set_offset_rates(OffsetRates(6.0, 4.0), ends_utc=ends)
+        assert mechanics.beside_arcsec_s != (0.0, 0.0)
+        # no heartbeat comes any more
+        while mount.offset_rates_in_force is not None:
+            await asyncio.sleep(0.1)
+        assert mechanics.beside_arcsec_s == (0.0, 0.0)
