@@ -225,7 +225,7 @@ def use_kernels(kernels: Iterable[Kernel]) -> None:
     """Let imported files go before the shipped excerpt, the first of them before the others."""
     with _Chosen.lock:
         _Chosen.kernels = tuple(kernels)
-        _way.cache_clear()
+        _segments_of.cache_clear()
 
 
 def kernels_in_use() -> tuple[Kernel, ...]:
@@ -233,22 +233,23 @@ def kernels_in_use() -> tuple[Kernel, ...]:
     return (*_Chosen.kernels, shipped())
 
 
-@lru_cache(maxsize=512)
-def _way(target: int, day: int, whole_system: bool = True) -> tuple[Segment, ...] | None:
-    """Segments from the barycenter to a body that cover a day from its noon, TDB; None: no way.
+@lru_cache(maxsize=1024)
+def _segments_of(target: int) -> tuple[Segment, ...]:
+    """All segments of a body, those that go before first: of a file its last counts, as SPICE has it."""
+    return tuple(
+        one for kernel in kernels_in_use() for one in reversed(kernel.segments) if one.target == target
+    )
+
+
+def _way(target: int, jd: float, whole_system: bool = True) -> tuple[Segment, ...] | None:
+    """Segments from the barycenter to a body that cover an instant, TDB; None: no way.
 
     With `whole_system` the barycenter of a planet's system will do where the planet itself is in no file.
     """
     found: list[Segment] = []
     body = target
     while body != 0:
-        fits = (
-            one
-            for kernel in kernels_in_use()
-            for one in reversed(kernel.segments)
-            if one.target == body and one.first_jd <= day and one.last_jd >= day + 1
-        )
-        step = next(fits, None)
+        step = next((one for one in _segments_of(body) if one.first_jd <= jd <= one.last_jd), None)
         if step is None or len(found) > 8:  # a file may lead in a circle
             # of the outer planets DE440 has the barycenters of their systems alone
             if whole_system and body % 100 == 99 and 400 <= body < 1000 and not found:
@@ -262,7 +263,7 @@ def _way(target: int, day: int, whole_system: bool = True) -> tuple[Segment, ...
 
 def has_body(target: int, jd: float) -> bool:
     """Whether a file in use covers a body at an instant, TDB as a Julian date."""
-    return _way(target, int(np.floor(jd))) is not None
+    return _way(target, jd) is not None
 
 
 def barycentric_state_km(target: int, jd1: float, jd2: float) -> tuple[Vector, Vector] | None:
@@ -281,7 +282,7 @@ def barycentric_state_km(target: int, jd1: float, jd2: float) -> tuple[Vector, V
     place_km, velocity_km_day : ndarray, shape (3,)
         None if no file in use covers it.
     """
-    way = _way(target, int(np.floor(jd1 + jd2)))
+    way = _way(target, jd1 + jd2)
     if way is None:
         return None
     place, velocity = np.zeros(3), np.zeros(3)
@@ -294,7 +295,7 @@ def barycentric_state_km(target: int, jd1: float, jd2: float) -> tuple[Vector, V
 
 def source_of(target: int, jd: float, *, whole_system: bool = True) -> str | None:
     """What the segment is called that has a body, or its system's barycenter; None: none has."""
-    way = _way(target, int(np.floor(jd)), whole_system)
+    way = _way(target, jd, whole_system)
     return None if way is None else way[0].source
 
 

@@ -113,3 +113,35 @@ def test_a_file_of_anything_else_is_refused(tmp_path: Path) -> None:
         Kernel(other)
     with pytest.raises(BadRequest, match="can't be read"):
         Kernel(tmp_path / "none.bsp")
+
+
+def test_an_imported_file_has_the_satellites_of_jupiter(tmp_path: Path) -> None:
+    path = Path(__file__).parent / "data" / "jup310_two_days.bsp"
+    timescale = Loader(tmp_path).timescale(builtin=True)
+    loaded = load_file(str(path))
+    planets_by = load_file(str(SHIPPED_PATH))
+    here = planets_by["earth"] + wgs84.latlon(SITE.latitude_deg, SITE.longitude_deg, SITE.height_m)
+    utc = datetime(2015, 3, 3, 14, tzinfo=UTC)
+    before = sigma_of_body_arcsec("jupiter", utc)
+    try:
+        use_kernels([Kernel(path)])
+        for name in ("io", "europa", "ganymede", "callisto", "jupiter"):
+            way = (
+                loaded["jupiter barycenter"]
+                + loaded.segments[
+                    next(n for n, one in enumerate(loaded.segments) if one.target == kernel.NAIF_IDS[name])
+                ]
+            )
+            ra, dec, _ = here.at(timescale.from_datetime(utc)).observe(way).radec()
+            there = Icrs(float(ra.hours) * 15.0, float(dec.degrees))
+            # the file's Jupiter is of another ephemeris than the shipped Earth
+            assert separation_arcsec(there, SolarSystemBody(name).icrs(utc, SITE)) < 0.1
+            assert SolarSystemBody(name).sigma_arcsec(utc) <= 0.02
+        # the planet itself is in it too, beside its system's barycenter
+        assert sigma_of_body_arcsec("jupiter", utc) < before
+        with pytest.raises(BadRequest, match="no ephemeris here has Io"):
+            SolarSystemBody("io").icrs(utc + timedelta(days=5), SITE)
+    finally:
+        use_kernels(())
+        loaded.close()
+        planets_by.close()

@@ -86,7 +86,7 @@ def test_the_places_are_those_of_sgp4s_own_verification() -> None:
                 found = satellite.teme_km(day, minutes * 60.0)
             except BadRequest:  # those that come down are told by an error there too
                 continue
-            assert np.allclose(found, vector[:3], atol=2e-2), (first[2:7], minutes)
+            assert np.allclose(found, vector[:3], atol=1e-4), (first[2:7], minutes)
             judged += 1
     assert judged > 500
     assert refused <= 3
