@@ -91,6 +91,7 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         The journal is of another kind or damaged, or a pointing model can't be read: then nothing is started.
         One that can't be opened or written now is no reason: see `RestoredState`.
     """
+    await asyncio.to_thread(settings.ephemerides.use)
     journal = await asyncio.to_thread(
         open_journal,
         settings.journal.where,

@@ -72,6 +72,7 @@ def telescope_view(telescope: Telescope, snapshot: Snapshot, warnings: Sequence[
         time_to_limit_s=None if limit is None else limit.after_s,
         next_limit=limit,
         learned=navigator.learned.words,
+        rates_kept=navigator.rates.words,
         warnings=[*own, *warnings],
     )
 

@@ -180,7 +180,7 @@ class Telescope:
             await asyncio.to_thread(self.bench.stop)
 
     async def _take_up(self) -> None:
-        await self.restart.at_first_link(self.navigator.mount, self.navigator.guard)
+        await self.restart.at_first_link(self.navigator.mount, self.navigator.guard, self.navigator.rates)
 
     async def _release(self) -> None:
         try:

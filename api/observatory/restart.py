@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from api.observatory.dead_man import MountGuard
 from mountnav.clock import utc_now
@@ -16,12 +16,16 @@ from mountnav.journal.sql_journal import SqlJournal
 from mountnav.mount import CheckedMount, LeftGoing, SelfActing, left_going
 from mountnav.mount.pier_side import SIDE_PROVEN
 from mountnav.mount.trust import ACCEPTED, ADVICE, LastSeen, seen_of
+from mountnav.navigation.rates_kept import RATES_KEPT, RatesKept
 from mountnav.navigation.sync import GuardedSync
 from mountnav.tasks import fault_words
 
 _log = logging.getLogger(__name__)
 
 _FAULT_ADVICE = "it is tried again by itself, and stops are taken; the service's log has more"
+LESSONS_READ = 1000
+"""Of what was learned: one row of the camera each ten looks, and those of the mount's rates between them.
+Halved, a correction of rates is forgotten after 5,000 looks."""
 _ORDERS_READ = 40
 """So many of the latest orders of a kind tell what is in force; those that were refused don't. Halved, twenty
 refusals one after the other hide an order."""
@@ -65,8 +69,8 @@ class Restart:
         self._done = False
         self._recalled = False
 
-    async def at_first_link(self, mount: CheckedMount, guard: GuardedSync) -> None:
-        """Close what was in flight by what the mount reads, and recall what was learned of the camera.
+    async def at_first_link(self, mount: CheckedMount, guard: GuardedSync, rates: RatesKept) -> None:
+        """Close what was in flight by what the mount reads; recall what was learned of camera and rates.
 
         Raises
         ------
@@ -76,16 +80,16 @@ class Restart:
             Also for a fault of ours: to be called again.
         """
         try:
-            await self._take_up(mount, guard)
+            await self._take_up(mount, guard, rates)
         except (DeviceError, JournalFailed):
             raise
         except Exception as fault:
             raise self._faulted(mount, fault) from fault
         self.fault = None
 
-    async def _take_up(self, mount: CheckedMount, guard: GuardedSync) -> None:
+    async def _take_up(self, mount: CheckedMount, guard: GuardedSync, rates: RatesKept) -> None:
         if not self._recalled:
-            await self._recall(mount, guard)
+            await self._recall(mount, guard, rates)
             await self._note_model(guard.pointing.model_id)
             self._recalled = True
         if not self._done:
@@ -175,9 +179,9 @@ class Restart:
             facts = {"model_id": model_id, "before": before}
             await self._journal.note(Entry(utc_now(), self._telescope_id, EntryKind.MODEL, what, facts))
 
-    async def _recall(self, mount: CheckedMount, guard: GuardedSync) -> None:
+    async def _recall(self, mount: CheckedMount, guard: GuardedSync, rates: RatesKept) -> None:
         syncs = await self._journal.recent(self._telescope_id, EntryKind.SYNC, ROWS_READ)
-        learned = await self._journal.recent(self._telescope_id, EntryKind.LEARNED, 1)
+        learned = await self._journal.recent(self._telescope_id, EntryKind.LEARNED, LESSONS_READ)
         settings = await self._journal.recent(self._telescope_id, EntryKind.SETTINGS, ROWS_READ)
         said = [entry.facts for entry in settings if entry.facts.get("about") == ACCEPTED]
         if said and said[-1].get("difference") is not None:
@@ -185,7 +189,11 @@ class Restart:
         proven = [entry.facts for entry in settings if entry.facts.get("about") == SIDE_PROVEN]
         if proven:
             mount.restore_side_proof(proven[-1])
-        guard.restore(sorted((*syncs, *learned), key=lambda one: one.utc))
+        kept = [entry.facts[RATES_KEPT] for entry in learned if RATES_KEPT in entry.facts]
+        if kept and isinstance(kept[-1], Mapping):
+            rates.restore(kept[-1])
+        cameras = [entry for entry in learned if RATES_KEPT not in entry.facts][-1:]
+        guard.restore(sorted((*syncs, *cameras), key=lambda one: one.utc))
 
 
 def last_seen(reader: JournalReader, telescope_id: str) -> LastSeen | None:

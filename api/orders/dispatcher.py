@@ -16,15 +16,15 @@ from api.access.audit import Audit
 from api.access.callers import Caller, Face, Role
 from api.access.security import require_role
 from api.observatory.observatory import Observatory, Telescope, link_is_lost
-from api.orders.execute_order import work_of
+from api.orders.execute_order import goal, work_of
 from api.orders.jobs import Job, Jobs
 from api.orders.longer_orders import LongerOrders
-from api.orders.targets import Target, icrs_of
+from api.orders.targets import Target, require_filter, require_place
 from api.orders.vocabulary import ModelRunOrder, Order, SeriesOrder, SolveOrder, role_for
 from api.orders.watching import Watch
 from api.problems import Refused
 from mountnav.clock import utc_now
-from mountnav.errors import DeviceError, JournalFailed, MountnavError
+from mountnav.errors import BadRequest, DeviceError, JournalFailed, MountnavError, OutsideLimits
 from mountnav.mount.order_book import EVEN_UNWRITTEN
 from mountnav.navigation.navigator import Navigator
 from mountnav.tasks import waited_for
@@ -160,6 +160,18 @@ class Dispatcher:
     ) -> Job:
         """Take an order; its job has begun, and is on the disk, when this returns. See `give`."""
         devices = True
+        request = order.model_dump(exclude_none=True)
+        if (target := getattr(order, "target", None)) is not None:
+            navigator = self._observatory.telescope(telescope_id).navigator
+            try:
+                require_filter(target, solar_filter=navigator.limits.solar_filter)
+                # an orbit may take a while to be integrated
+                await asyncio.to_thread(
+                    require_place, target, utc_now(), navigator.mount.site, navigator.mount.air
+                )
+            except (OutsideLimits, BadRequest) as refusal:
+                self._audit.refused(caller, order.kind, refusal, telescope=telescope_id, request=request)
+                raise
         if isinstance(order, SolveOrder | SeriesOrder | ModelRunOrder):
             work = self._longer.work_of(self._observatory.telescope(telescope_id).id, order)
             devices = self._longer.needs_devices(order)
@@ -169,7 +181,7 @@ class Dispatcher:
             caller,
             telescope_id,
             order.kind,
-            order.model_dump(exclude_none=True),
+            request,
             work,
             key=key,
             supersede=supersede,
@@ -266,9 +278,7 @@ class Dispatcher:
         """
         telescope = self._observatory.telescope(telescope_id)
         navigator = await telescope.ready()
-        mount = navigator.mount
-        there = icrs_of(target, utc_now(), mount.site, mount.air)
-        await navigator.would_slew(there, after_stop=supersede)
+        await navigator.would_slew(goal(navigator, target), after_stop=supersede)
 
     async def stop(self, caller: Caller, telescope_id: str) -> Job | None:
         """Cancel the telescope's job and stop its mount; return the job. Waits for neither queue nor solve.

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from datetime import datetime, timedelta
 from typing import assert_never
 
-from api.orders.targets import Target, icrs_of
+from api.orders.targets import Target, ephemeris_of, icrs_of, moves, require_filter
 from api.orders.vocabulary import (
     AcceptSiteTimeOrder,
     CenterOrder,
     FirstLightOrder,
     FlipOrder,
+    FollowOrder,
+    ForgetRatesOrder,
     GuideOrder,
     HomeOrder,
     LookOrder,
@@ -29,6 +32,8 @@ from api.orders.vocabulary import (
 )
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, TrackingRate
+from mountnav.ephemeris import Ephemeris
+from mountnav.navigation.follow import FollowReport
 from mountnav.navigation.navigator import Navigator
 from mountnav.sky.coordinates import Icrs
 
@@ -40,6 +45,7 @@ _WithoutSky = (
     | SetParkOrder
     | TrackingOrder
     | GuideOrder
+    | ForgetRatesOrder
     | TrustOrder
     | SetSiteTimeOrder
     | AcceptSiteTimeOrder
@@ -70,10 +76,10 @@ async def execute_order(navigator: Navigator, order: NavigatorOrder) -> object:
     """
     match order:
         case SlewOrder():
-            return await navigator.slew(there(navigator, order.target))
+            return await navigator.slew(goal(navigator, order.target))
         case CenterOrder():
             return await navigator.center(
-                there(navigator, order.target),
+                goal(navigator, order.target),
                 tolerance_arcsec=order.tolerance_arcsec,
                 max_tries=order.max_tries,
                 timeout_s=order.timeout_s,
@@ -89,7 +95,9 @@ async def execute_order(navigator: Navigator, order: NavigatorOrder) -> object:
         case OffsetOrder():
             return await navigator.offset(order.east_arcsec, order.north_arcsec)
         case FlipOrder():
-            return await navigator.flip(there(navigator, order.target), planned_s=order.planned_s)
+            return await navigator.flip(goal(navigator, order.target), planned_s=order.planned_s)
+        case FollowOrder():
+            return await _follow(navigator, order)
         case RecoverOrder():
             return await navigator.recover(order.exposure_s)
         case FirstLightOrder():
@@ -112,6 +120,8 @@ async def _without_sky(navigator: Navigator, order: _WithoutSky) -> object:
             await navigator.set_tracking(order.on, TrackingRate(order.rate))
         case GuideOrder():
             await navigator.guide(Direction(order.direction), order.duration_s)
+        case ForgetRatesOrder():
+            await navigator.forget_rates()
         case TrustOrder():
             navigator.trust()
         case SetSiteTimeOrder():
@@ -124,9 +134,45 @@ async def _without_sky(navigator: Navigator, order: _WithoutSky) -> object:
 
 
 def there(navigator: Navigator, target: Target) -> Icrs:
-    """Where a target is now. Raises `BadRequest`."""
+    """Where a target is now. Raises `BadRequest`, and `OutsideLimits` for the Sun without a filter."""
     mount = navigator.mount
+    require_filter(target, solar_filter=navigator.limits.solar_filter)
     return icrs_of(target, utc_now(), mount.site, mount.air)
 
 
-__all__ = ["Work", "execute_order", "there", "work_of"]
+def goal(navigator: Navigator, target: Target) -> Icrs | Ephemeris:
+    """A target as navigation takes it: one that moves among the stars with all its path.
+
+    Raises
+    ------
+    BadRequest
+    OutsideLimits
+        The Sun, and there is no filter.
+    """
+    if not moves(target):
+        return there(navigator, target)
+    mount = navigator.mount
+    require_filter(target, solar_filter=navigator.limits.solar_filter)
+    return ephemeris_of(target, utc_now(), mount.site, mount.air)
+
+
+async def _follow(navigator: Navigator, order: FollowOrder) -> FollowReport:
+    mount, now = navigator.mount, utc_now()
+    require_filter(order.target, solar_filter=navigator.limits.solar_filter)
+    # a fixed place is followed as one that doesn't move: its looks judge how the mount tracks
+    target = ephemeris_of(order.target, now, mount.site, mount.air)
+    if order.until_utc is not None:
+        until = datetime.fromisoformat(order.until_utc)
+    else:
+        assert order.duration_s is not None
+        until = now + timedelta(seconds=order.duration_s)
+    return await navigator.follow(
+        target,
+        until_utc=until,
+        tolerance_arcsec=order.tolerance_arcsec,
+        exposure_s=order.exposure_s,
+        look_every_s=order.look_every_s,
+    )
+
+
+__all__ = ["Work", "execute_order", "goal", "there", "work_of"]

@@ -8,7 +8,16 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field, JsonValue, TypeAdapter
 
 from api.orders.jobs import Job, JobState
-from api.orders.results import Attempt, AttemptView, ModelRunView, SeriesView, SolvedView, mount_place
+from api.orders.results import (
+    Attempt,
+    AttemptView,
+    FollowView,
+    ModelRunView,
+    SeriesView,
+    SkyEventView,
+    SolvedView,
+    mount_place,
+)
 from api.orders.results import Finite as Finite
 from api.orders.results import OffsetView as OffsetView
 from api.orders.results import Place as Place
@@ -17,6 +26,7 @@ from api.orders.targets import Body as Body
 from api.orders.vocabulary import OrderKind
 from api.problems import Problem
 from mountnav.devices import Epoch, SlewOutcome
+from mountnav.navigation.follow import FollowReport
 from mountnav.navigation.reports import (
     CenterReport,
     CoordinateSyncReport,
@@ -167,6 +177,10 @@ class CenterView(BaseModel):
     )
     model_id: str | None = Field(default=None, description="The pointing model that aimed")
     notes: list[str] = Field(default_factory=list, description="What an operator should know")
+    target_name: str = Field(default="", description="Of a target that moves among the stars")
+    target_utc: datetime | None = Field(default=None, description="When it was at `target`, if it moves")
+    target_sigma_arcsec: Finite = Field(default=None, description="How uncertain its place is, one sigma")
+    target_rates_arcsec_s: Finite = Field(default=None, description="How fast it moves, over the sky")
 
 
 class MovedView(BaseModel):
@@ -184,6 +198,7 @@ Result = Annotated[
     | RecoverView
     | FirstLightView
     | CenterView
+    | FollowView
     | MovedView
     | SolvedView
     | SeriesView
@@ -260,6 +275,9 @@ class TelescopeView(BaseModel):
     )
     next_limit: NextLimitView | None = None
     learned: str | None = Field(default=None, description="What solves have taught of the camera")
+    rates_kept: str | None = Field(
+        default=None, description="What looks have shown of how the mount keeps rates, and what is made good"
+    )
     warnings: list[str] = Field(
         default_factory=list, description="What an operator should look into: a wrong scale, a full disk"
     )
@@ -411,11 +429,13 @@ def result_view(report: object, *, epoch: Epoch | None = None, utc: datetime | N
             )
         case CenterReport():
             return _center(report, mounts(report.target))
+        case FollowReport():
+            return _follow(report)
         case SlewOutcome():
             return MovedView(outcome=str(report))
         case None:
             return None
-        case SolvedView() | SeriesView() | ModelRunView():
+        case SolvedView() | SeriesView() | ModelRunView() | FollowView():
             return report
         case dict():
             # of a job that ended before the service was started again
@@ -443,6 +463,47 @@ def _center(report: CenterReport, target_mount: Place | None) -> CenterView:
         crossing=_crossing(report),
         model_id=report.model_id,
         notes=list(report.notes),
+        target_name=report.target_name,
+        target_utc=report.target_utc,
+        target_sigma_arcsec=report.target_sigma_arcsec if report.target_name else None,
+        target_rates_arcsec_s=None if report.target_rates is None else report.target_rates.total_arcsec_s,
+    )
+
+
+def _follow(report: FollowReport) -> FollowView:
+    judged = report.judgement
+    return FollowView(
+        outcome=report.end.value,
+        target=report.target_name,
+        began_utc=report.began_utc,
+        ended_utc=report.ended_utc,
+        by=report.by.value,
+        plan=report.plan.words,
+        fastest_arcsec_s=report.plan.fastest_arcsec_s,
+        looks=report.looks,
+        unsolved=report.unsolved,
+        within=report.within,
+        tolerance_arcsec=report.tolerance_arcsec,
+        worst_arcsec=report.worst_arcsec,
+        rms_arcsec=report.rms_arcsec,
+        last_arcsec=report.last_arcsec,
+        renewed=report.renewed,
+        verdict=None if judged is None else judged.words,
+        fault=None if report.fault is None else str(report.fault),
+        correction=report.correction,
+        events=[
+            SkyEventView(
+                kind=str(event.kind),
+                utc=event.utc,
+                altitude_deg=event.alt_deg,
+                azimuth_deg=event.az_deg,
+                limit=None if event.limit is None else str(event.limit),
+                words=event.words,
+            )
+            for event in report.events
+        ],
+        notes=list(report.notes),
+        elapsed_s=report.elapsed_s,
     )
 
 

@@ -20,12 +20,15 @@ __all__ = [
     "AttemptView",
     "DriftView",
     "Finite",
+    "FollowLookView",
+    "FollowView",
     "ModelRunView",
     "OffsetView",
     "Place",
     "PointView",
     "SeriesLookView",
     "SeriesView",
+    "SkyEventView",
     "SolvedView",
     "TermView",
     "mount_place",
@@ -148,7 +151,76 @@ class PointView(BaseModel):
     elapsed_s: Finite = None
 
 
-Attempt = Annotated[AttemptView | SeriesLookView | PointView, Field(discriminator="kind")]
+class FollowLookView(BaseModel):
+    """One look while a target is followed."""
+
+    kind: Literal["follow-look"] = "follow-look"
+    number: int
+    mid_exposure_utc: datetime
+    look_id: str
+    by: Literal["rates", "guide-pulses", "small-slews"]
+    off_arcsec: Finite = Field(description="The solved center from the target, in the middle of the exposure")
+    off_sigma_arcsec: Finite = None
+    verdict: Literal["right", "too-early", "fault", "ambiguous", "unexplained"] | None = Field(
+        default=None, description="Of the rates that the mount keeps"
+    )
+    fault: str | None = Field(default=None, description="What is wrong with them, by name")
+    seen_ra_arcsec_s: Finite = Field(
+        default=None, description="Measured rates beside the sidereal one, the mount's own coordinates"
+    )
+    seen_dec_arcsec_s: Finite = None
+    seen_ra_sigma_arcsec_s: Finite = None
+    seen_dec_sigma_arcsec_s: Finite = None
+    ordered_ra_arcsec_s: Finite = Field(default=None, description="What it is to keep")
+    ordered_dec_arcsec_s: Finite = None
+    sent_ra_arcsec_s: Finite = Field(
+        default=None, description="What it was sent for that: other numbers where a correction is in force"
+    )
+    sent_dec_arcsec_s: Finite = None
+    left_s: Finite = None
+    next_event: str = Field(default="", description="What comes next on the path")
+    words: str = ""
+
+
+class SkyEventView(BaseModel):
+    """What was foretold of a path."""
+
+    kind: str
+    utc: datetime
+    altitude_deg: Finite
+    azimuth_deg: Finite
+    limit: str | None = None
+    words: str
+
+
+class FollowView(BaseModel):
+    """How a target was followed."""
+
+    kind: Literal["follow"] = "follow"
+    outcome: Literal["time", "ephemeris-ends", "limit-ahead"] = Field(description="Why it ended")
+    target: str
+    began_utc: datetime
+    ended_utc: datetime
+    by: Literal["rates", "guide-pulses", "small-slews"] = Field(description="At last")
+    plan: str = Field(description="How it was planned, with the fastest rates")
+    fastest_arcsec_s: Finite
+    looks: int
+    unsolved: int
+    within: int = Field(description="Looks from the second on that were within the tolerance")
+    tolerance_arcsec: Finite
+    worst_arcsec: Finite = None
+    rms_arcsec: Finite = None
+    last_arcsec: Finite = None
+    renewed: int = Field(description="So often rates, pulses or slews were ordered")
+    verdict: str | None = Field(default=None, description="Of the rates, the last one, in words")
+    fault: str | None = Field(default=None, description="The last one that was named")
+    correction: str = Field(default="", description="In force at the end, in words")
+    events: list[SkyEventView] = Field(default_factory=list)
+    notes: list[str] = Field(default_factory=list)
+    elapsed_s: Finite
+
+
+Attempt = Annotated[AttemptView | SeriesLookView | PointView | FollowLookView, Field(discriminator="kind")]
 
 
 class SolvedView(BaseModel):

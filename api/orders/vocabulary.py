@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 from pydantic import ConfigDict, Field, model_validator
 
 from api.access.callers import Role
-from api.orders.targets import ApparentTarget, Body, IcrsTarget, Tagged, Target
+from api.orders.targets import ApparentTarget, Body, IcrsTarget, Instant, Tagged, Target
 from api.solver.hints import make_hint
 from mountnav.errors import BadRequest
 
@@ -27,6 +27,9 @@ __all__ = [
     "FirstLightOrder",
     "FlipBody",
     "FlipOrder",
+    "FollowBody",
+    "FollowOrder",
+    "ForgetRatesOrder",
     "GuideOrder",
     "HomeOrder",
     "LongerOrder",
@@ -140,6 +143,51 @@ class FlipOrder(OrderBody):
     kind: Literal["flip"] = "flip"
     target: Target
     planned_s: _Planned = None
+
+
+LONGEST_FOLLOW_S = 86_400
+"""Longest time, s, for which one order follows a target; part of the interface (docs/openapi.json). Doubled,
+a telescope follows into the night after."""
+
+
+class FollowFields(Body):
+    """Until when to follow a target, how near, and how often it is looked at."""
+
+    duration_s: float | None = Field(
+        default=None, gt=0, le=LONGEST_FOLLOW_S, description="For so long from now on; or until_utc"
+    )
+    until_utc: Instant | None = Field(
+        default=None, description="Until then, at most a day ahead; or duration_s"
+    )
+    tolerance_arcsec: float | None = Field(default=None, gt=0, le=3600)
+    exposure_s: _Exposure = Field(default=None, description="Of the looks")
+    look_every_s: float | None = Field(
+        default=None, ge=5, le=3600, description="Between two looks while all is well; left out: a minute"
+    )
+
+    @model_validator(mode="after")
+    def _one_end(self) -> Self:
+        if (self.duration_s is None) is (self.until_utc is None):
+            raise ValueError("either duration_s or until_utc: following has an end")
+        return self
+
+
+class FollowOrder(FollowFields, OrderBody):
+    """Center a target that moves among the stars, and track it until an end; looks confirm its rates.
+
+    It ends earlier where its ephemeris ends or a limit is ahead. However it ends, the mount has no rates of
+    its own afterwards.
+    """
+
+    moves = True
+    kind: Literal["follow"] = "follow"
+    target: Target
+
+
+class ForgetRatesOrder(OrderBody):
+    """Forget what looks have taught of how the mount keeps rates: they are sent as they are again."""
+
+    kind: Literal["forget-rates"] = "forget-rates"
 
 
 class ParkOrder(OrderBody):
@@ -299,6 +347,8 @@ NavigatorOrder = (
     | SyncToOrder
     | OffsetOrder
     | FlipOrder
+    | FollowOrder
+    | ForgetRatesOrder
     | ParkOrder
     | UnparkOrder
     | SetParkOrder
@@ -327,6 +377,8 @@ OrderKind = Literal[
     "sync-to",
     "offset",
     "flip",
+    "follow",
+    "forget-rates",
     "park",
     "unpark",
     "set-park",
@@ -446,6 +498,10 @@ class FlipBody(SlewBody):
     planned_s: float | None = Field(default=None, gt=0, le=86_400)
 
 
+class FollowBody(FollowFields, SlewBody):
+    """What to follow, and until when."""
+
+
 class OffsetBody(ShortBody):
     """How far to nudge, on the sky."""
 
@@ -507,6 +563,13 @@ JOB_EXAMPLES: dict[str, Any] = {
     "series": _kind("series", "Twenty looks, one a minute: the drift", looks=20, every_s=60.0),
     "model-run": _kind("model-run", "A pointing model of thirty points", points=30),
     "tracking": _kind("tracking", "Follow the Moon", on=True, rate="lunar"),
+    "follow": _kind(
+        "follow",
+        "Follow the Moon for an hour",
+        target={"kind": "name", "name": "Moon"},
+        duration_s=3600.0,
+        tolerance_arcsec=10.0,
+    ),
     "park": _kind("park", "Park"),
     "home": _kind("home", "Go home"),
     "unpark": _kind("unpark", "Be ready to move again"),

@@ -64,6 +64,32 @@ def flip(target: Target, *, planned_s: float | None = None) -> Order:
     return _order("flip", target=target, planned_s=planned_s)
 
 
+def follow(
+    target: Target,
+    *,
+    duration_s: float | None = None,
+    until_utc: str | None = None,
+    tolerance_arcsec: float | None = None,
+    exposure_s: float | None = None,
+    look_every_s: float | None = None,
+) -> Order:
+    """Center a target that moves, and track it until an end: `duration_s`, or `until_utc` with its zone."""
+    return _order(
+        "follow",
+        target=target,
+        duration_s=duration_s,
+        until_utc=until_utc,
+        tolerance_arcsec=tolerance_arcsec,
+        exposure_s=exposure_s,
+        look_every_s=look_every_s,
+    )
+
+
+def forget_rates() -> Order:
+    """Forget what looks have taught of how the mount keeps rates."""
+    return _order("forget-rates")
+
+
 def park() -> Order:
     """Go to the park position and stay."""
     return _order("park")

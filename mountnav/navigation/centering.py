@@ -24,15 +24,16 @@ from mountnav.measuring.measurements import StarImages
 from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.correcting import Correcting
 from mountnav.navigation.equipment import Equipment
+from mountnav.navigation.moving import MovingTarget, Target
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.recovering import recover, require_rightly_set
 from mountnav.navigation.reports import CenterOutcome, CenterReport, Correction, Look
 from mountnav.navigation.slewing import Slewing, crossing, side_note
 from mountnav.navigation.sync import SyncTrigger
-from mountnav.navigation.tries import StopRules, Tries, tolerance_kept, try_facts
+from mountnav.navigation.tries import StopRules, Tries, tolerance_kept, tolerance_widened, try_facts
 from mountnav.navigation.vetoes import apart_arcsec
 from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S, Icrs
-from mountnav.sky.sphere import offset_arcsec, separation_arcsec
+from mountnav.sky.sphere import Offset, offset_arcsec, separation_arcsec
 
 __all__ = [
     "LOOKED_AGAIN",
@@ -147,6 +148,9 @@ power plug is recovered, and slewed, twice as often."""
 class Centering:
     """One run.
 
+    A target that moves is led: the mount is sent to where it will be in the middle of the next exposure, and
+    each look is judged by where it was in the middle of its own.
+
     Parameters
     ----------
     planned_s : float, optional
@@ -164,13 +168,22 @@ class Centering:
         self,
         equipment: Equipment,
         slewing: Slewing,
-        target: Icrs,
+        target: Target,
         policy: CenteringPolicy,
         *,
         planned_s: float | None = None,
         key: str | None = None,
     ) -> None:
-        self.target = target
+        self._asked = target
+        self._moving = MovingTarget(
+            target,
+            site=equipment.site,
+            clock=equipment.clock,
+            pace=slewing.pace,
+            exposure_s=policy.exposure_s,
+            settle_s=policy.settle_s,
+        )
+        self._slewing = slewing
         self.tries = Tries(equipment)
         self.notes: list[str] = []
         self._equipment = equipment
@@ -180,8 +193,14 @@ class Centering:
         resolution = equipment.mount.resolution_arcsec
         self._tolerance, note = tolerance_kept(policy.tolerance_arcsec, resolution)
         self._note(note)
+        place = self._moving.at(equipment.clock.utc())
+        self._judged_utc = equipment.clock.utc()
+        self._sigma_arcsec = self._moving.sigma_arcsec(equipment.clock.utc())
+        self._tolerance, note = tolerance_widened(self._tolerance, self._sigma_arcsec)
+        self._note(note)
         self._ends = StopRules(equipment.name, policy, self.tries, self._tolerance)
-        self._correcting = Correcting(equipment, slewing, target, policy, self._note, key)
+        ahead = self._moving.ahead if self._moving.moves else None
+        self._correcting = Correcting(equipment, slewing, place, policy, self._note, key, ahead)
         self._flipped = False
         self._recoveries = 0
 
@@ -219,7 +238,8 @@ class Centering:
                 continue
             require_rightly_set(found, self._equipment.mount, device=self._equipment.name)
             followed = correcting.sighted(found)
-            error = offset_arcsec(found.seen, self.target)
+            self._keep_pace(found)
+            error = self._error(found)
             tries.add(found, error, followed, expected, approached=correcting.approach)
             decision = self._equipment.guard.consider(found, SyncTrigger.CENTERING, target=self._key)
             if decision.against_the_sky:
@@ -249,7 +269,9 @@ class Centering:
                     tries.close(Correction.NONE, "its position stopped counting", slewed=False)
                     continue
                 if latest is not found:
-                    found, error = latest, offset_arcsec(latest.seen, self.target)
+                    # that the tube holds still is what it shows: a moving target has gone on meanwhile
+                    error = offset_arcsec(latest.seen, self._moving.at(self._judged_utc))
+                    found = latest
                     tries.seen_again(found, error)
                     followed = correcting.sighted(found)
                     decision = self._equipment.guard.consider(found, SyncTrigger.CENTERING, target=self._key)
@@ -277,6 +299,24 @@ class Centering:
             expected = tries.noise_arcsec(found)
             await self._slew()
             tries.close(done.correction, done.why, slewed=True, sync_outcome=done.sync_outcome)
+
+    @property
+    def target(self) -> Icrs:
+        """Where the target is, or was to be when the mount was sent there last."""
+        return self._correcting.target
+
+    def _error(self, found: Look) -> Offset:
+        """How far the tube looked from where the target was in the middle of that exposure."""
+        self._judged_utc = found.mid_exposure_utc
+        return offset_arcsec(found.seen, self._moving.at(found.mid_exposure_utc))
+
+    def _keep_pace(self, found: Look) -> None:
+        """Learn how long after a slew an exposure was half over."""
+        arrived = self._slewing.arrived_utc
+        if arrived is not None and self._moving.moves:
+            waited_s = (found.mid_exposure_utc - arrived).total_seconds()
+            self._slewing.pace.looked(waited_s, found.exposure_s or self._policy.exposure_s)
+            self._slewing.arrived_utc = None
 
     @property
     def last_error(self) -> str:
@@ -356,12 +396,19 @@ class Centering:
         equipment = self._equipment
         side, side_seen = found.after.side, equipment.guard.side_seen(found)
         self._note(side_note(found, side_seen))
-        ahead = crossing(equipment, self.target, side, self._planned_s)
+        ahead = crossing(equipment, self._asked, side, self._planned_s)
         if ahead is not None:
             self._note(ahead.words)
+        target, rates = self.target, None
+        if self._moving.moves:
+            target, rates = (
+                self._moving.at(self._judged_utc),
+                self._moving.rates(self._judged_utc),
+            )
+            self._note(uncertain_note(self._sigma_arcsec, found))
         return CenterReport(
             outcome=CenterOutcome.CENTERED,
-            target=self.target,
+            target=target,
             tries=tuple(self.tries.all),
             error_before_arcsec=self.tries.all[0].error_arcsec,
             error_after_arcsec=self.tries.latest.error_arcsec,
@@ -376,7 +423,23 @@ class Centering:
             crossing=ahead,
             model_id=self._correcting.model_id,
             notes=tuple(self.notes),
+            target_name=self._moving.name,
+            target_utc=self._judged_utc if self._moving.moves else None,
+            target_sigma_arcsec=self._sigma_arcsec,
+            target_rates=rates,
         )
+
+
+def uncertain_note(sigma_arcsec: float, found: Look) -> str | None:
+    """What to know of a target whose place is so uncertain that it may not be in the frame."""
+    shorter_px = min(found.width_px, found.height_px)
+    half_arcsec = 0.5 * shorter_px * found.solution.scale_arcsec_px
+    if sigma_arcsec <= 0.0 or half_arcsec <= 0.0 or sigma_arcsec < half_arcsec:
+        return None
+    return (
+        f"the target's place is uncertain by {sigma_arcsec:.0f}″ (one sigma), more than half the field of "
+        f"{2.0 * half_arcsec:.0f}″: it may not be in the frame"
+    )
 
 
 def centering_facts(
@@ -409,7 +472,7 @@ def centering_facts(
 async def center_in_time(
     equipment: Equipment,
     slewing: Slewing,
-    target: Icrs,
+    target: Target,
     policy: CenteringPolicy,
     *,
     halt: Callable[[], Awaitable[None]],

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from mountnav.devices import PierSide, SyncOutcome
+from mountnav.devices import PierSide, SyncOutcome, from_mount
 from mountnav.errors import (
     DeviceRefused,
     NotReached,
@@ -33,7 +33,7 @@ from mountnav.navigation.steering import (
 from mountnav.navigation.sync import SyncDecision, SyncTrigger
 from mountnav.navigation.sync_transaction import TookElsewhere
 from mountnav.sky.coordinates import Icrs
-from mountnav.sky.sphere import Offset, separation_arcsec
+from mountnav.sky.sphere import Offset, displaced, offset_arcsec, separation_arcsec
 
 ZEROED_AT_DEC_DEG = 60.0
 """Far enough from the pole for a sync: there a polar axis 10′ off shifts the hour angle by 17′ at most.
@@ -68,6 +68,9 @@ class Correcting:
         Told what an operator should know.
     key : str or None
         The target's name, for the policy of syncs.
+    ahead : callable, optional
+        Of a target that moves: where it will be in the middle of the exposure after a slew that begins now
+        from the place that is given.
 
     Attributes
     ----------
@@ -87,8 +90,10 @@ class Correcting:
         policy: CenteringPolicy,
         note: Note,
         key: str | None,
+        ahead: Callable[[Icrs | None], Icrs] | None = None,
     ) -> None:
         self.aim = target
+        self._ahead = ahead
         self.approach = policy.approach is Approach.ALWAYS
         self.model_id: str | None = None
         self._equipment = equipment
@@ -112,6 +117,7 @@ class Correcting:
     async def expect(self) -> float | None:
         """Aim; how far off the tube may look after the first slew, one sigma; None if that isn't known."""
         slewing = self._slewing
+        self._lead()
         side = await slewing.side_at(self._target)
         self.aim = slewing.aimed(self._target, side)
         if self.aim != self._target:
@@ -132,6 +138,7 @@ class Correcting:
     async def slew(self) -> bool:
         """Send the mount to the aim; whether it changed sides: then the looks that follow begin again."""
         kill_point("centering slew")
+        self._lead()
         try:
             report = await self._slewing.slew(self._target, self.aim, approach=self._leg())
         except TargetNotReached as error:
@@ -146,6 +153,21 @@ class Correcting:
                 self._steering.forget()
             self._note(f"the slew changed sides of the pier, to {report.side_after}")
         return report.flipped
+
+    @property
+    def target(self) -> Icrs:
+        """Where the target is, or was to be when the mount was sent there last."""
+        return self._target
+
+    def _lead(self) -> None:
+        """Go on to where a moving target will be: the aim stays as far beside it as it is."""
+        if self._ahead is None:
+            return
+        latest = self._equipment.readings.latest
+        place = self._ahead(None if latest is None else from_mount(latest.place))
+        on = offset_arcsec(place, self._target)
+        self.aim = displaced(self.aim, on.east_arcsec, on.north_arcsec)
+        self._target = self._steering.target = place
 
     def _leg(self) -> Offset | None:
         """From where the last leg comes: towards the west and the north, the way that tracking turns."""

@@ -16,6 +16,7 @@ from mountnav.mount import CheckedMount, Deadman, FollowingPolicy
 from mountnav.navigation.frames_seen import FramesSeen
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.policy import CenteringPolicy
+from mountnav.navigation.rates_kept import RatesKept
 from mountnav.navigation.reading_history import ReadingHistory
 from mountnav.navigation.reports import Listener
 from mountnav.navigation.sync import GuardedSync
@@ -69,6 +70,8 @@ class Equipment:
         Whether slews are aimed by the pointing model.
     frames : FramesSeen
         By which an old frame is known.
+    rates : RatesKept
+        How the mount keeps rates beside the sidereal one, as looks have shown.
     """
 
     name: str
@@ -84,6 +87,7 @@ class Equipment:
     listen: Listener
     apply_model: bool = True
     frames: FramesSeen = field(default_factory=FramesSeen)
+    rates: RatesKept = field(default_factory=lambda: RatesKept(""))
 
     @property
     def site(self) -> Site:
@@ -207,6 +211,7 @@ def equip(
         readings=readings,
         listen=listen,
         apply_model=apply_model,
+        rates=RatesKept(mount.name),
     )
 
 

@@ -173,6 +173,9 @@ class LookOptions:
         What it is for, as the journal keeps it.
     teaches : bool
         Whether what is known of camera and pointing learns from it.
+    following_arcsec : float or None
+        The mount follows a target that moves among the stars, so far during the exposure: its reading may
+        move by that much more, and what the frames before it showed proves nothing. None: it doesn't.
     """
 
     exposure_s: float
@@ -181,6 +184,7 @@ class LookOptions:
     scale: Literal["learned", "settings", "any"] = "learned"
     used: str = "look"
     teaches: bool = True
+    following_arcsec: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,7 +263,7 @@ async def expose_and_solve(
 
         try:
             middle = _mid_exposure(frame, shot.exposure_s, policy, before, after)
-            _refuse_motion(equipment, policy, before, after)
+            _refuse_motion(equipment, policy, before, after, shot.following_arcsec or 0.0)
             await _refuse_repeated(equipment, frame)
         except (BadFrame, MountMoved) as error:
             await write(None, None, (error.slug, error.what))
@@ -284,7 +288,9 @@ async def expose_and_solve(
             model_id=model_id,
             camera=camera_of(frame, equipment.camera.name),
         )
-        sight = judge_freshness(equipment, policy, found, confirmed_later=shot.used in CONFIRMED_LATER)
+        sight = Sight()
+        if shot.following_arcsec is None:
+            sight = judge_freshness(equipment, policy, found, confirmed_later=shot.used in CONFIRMED_LATER)
         await write(verdict, found, (str(SyncDoubt.NOT_FRESH), sight.doubt) if sight.doubt else None)
         equipment.listen("solved", solved_facts(found))
         if sight.doubt:
@@ -424,11 +430,15 @@ def _mid_exposure(
 
 
 def _refuse_motion(
-    equipment: Equipment, policy: CenteringPolicy, before: MountReading, after: MountReading
+    equipment: Equipment,
+    policy: CenteringPolicy,
+    before: MountReading,
+    after: MountReading,
+    following_arcsec: float,
 ) -> None:
     mount = equipment.mount
     moved = separation_arcsec(from_mount(before.place), from_mount(after.place))
-    allowed = policy.max_motion_arcsec + mount.resolution_arcsec
+    allowed = policy.max_motion_arcsec + mount.resolution_arcsec + following_arcsec
     ordered = mount.last_motion_utc is not None and mount.last_motion_utc > before.utc
     if moved > allowed or before.slewing or after.slewing or ordered:
         raise MountMoved(

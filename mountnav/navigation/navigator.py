@@ -7,18 +7,23 @@ from dataclasses import replace
 from datetime import datetime
 
 from mountnav.devices import for_mount, from_mount
+from mountnav.ephemeris import Ephemeris
 from mountnav.errors import DeviceError, NotReached, TargetNotReached
 from mountnav.frames import Frame
+from mountnav.journal.records import EntryKind
 from mountnav.mount import CheckedMount
 from mountnav.navigation.centering import center_in_time
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.first_light import first_light
+from mountnav.navigation.follow import Following, FollowProgress, FollowReport
 from mountnav.navigation.learned import Learned
 from mountnav.navigation.look import at_instant
 from mountnav.navigation.look_retries import PersistentLook, cheap
 from mountnav.navigation.mount_orders import MountOrders
+from mountnav.navigation.moving import MovingTarget, Target
 from mountnav.navigation.outside_frames import WITHIN, By, Judged, compare_frame, correct
 from mountnav.navigation.policy import CenteringPolicy, CorrectBy
+from mountnav.navigation.rates_kept import RATES_KEPT, RatesKept
 from mountnav.navigation.recovering import recover, require_away_from_pole
 from mountnav.navigation.reports import (
     CenterReport,
@@ -112,6 +117,7 @@ class Navigator(MountOrders):
         super().__init__(equipment.name, equipment.mount, equipment.camera, equipment.listen)
         self._equipment = equipment
         self._slewing = Slewing(equipment)
+        self._following: Following | None = None
 
     # -- what is known -------------------------------------------------------------------------------
 
@@ -233,8 +239,10 @@ class Navigator(MountOrders):
 
     # -- motion --------------------------------------------------------------------------------------
 
-    async def slew(self, target: Icrs) -> SlewReport:
+    async def slew(self, target: Target) -> SlewReport:
         """Go to `target` as the mount, and the pointing model where one is in force, believe it.
+
+        To where it will be on arrival, if it moves.
 
         Raises
         ------
@@ -245,10 +253,26 @@ class Navigator(MountOrders):
         Cancelled, TargetNotReached, DeviceError, JournalFailed
         """
         async with self.work("slewing"):
-            aim = self._slewing.aimed(target, await self._slewing.side_at(target))
-            return await self._slewing.slew(target, aim)
+            place = await self._on_arrival(target)
+            aim = self._slewing.aimed(place, await self._slewing.side_at(place))
+            return await self._slewing.slew(place, aim)
 
-    async def would_slew(self, target: Icrs, *, after_stop: bool = False) -> None:
+    async def _on_arrival(self, target: Target) -> Icrs:
+        """Where a target is, or will be at the end of a slew that begins now. Raises `BadRequest`."""
+        if isinstance(target, Icrs):
+            return target
+        equipment = self._equipment
+        moving = MovingTarget(
+            target,
+            site=equipment.site,
+            clock=equipment.clock,
+            pace=self._slewing.pace,
+            exposure_s=self.policy.exposure_s,
+            settle_s=self.policy.settle_s,
+        )
+        return moving.ahead(from_mount((await self.mount.reading()).place), exposed=False)
+
+    async def would_slew(self, target: Target, *, after_stop: bool = False) -> None:
         """Tell what a slew to `target` would be refused for now; nothing moves, nothing is written down.
 
         Parameters
@@ -263,19 +287,29 @@ class Navigator(MountOrders):
         equipment = self._equipment
         utc = equipment.clock.utc()
         await self.mount.require_agreement()
-        self.limits.check(target, utc, equipment.site, equipment.air)
-        aim = self._slewing.aimed(target, await self._slewing.side_at(target))
+        place = await self._on_arrival(target)
+        self.limits.check(place, utc, equipment.site, equipment.air)
+        aim = self._slewing.aimed(place, await self._slewing.side_at(place))
         await self.mount.would_slew(for_mount(aim, self.mount.epoch, utc), after_stop=after_stop)
 
-    async def offset(self, east_arcsec: float, north_arcsec: float) -> SlewReport:
-        """Nudge: slew by so much on the sky, east and north positive. Errors: see `slew`."""
+    async def offset(
+        self, east_arcsec: float, north_arcsec: float, target: Target | None = None
+    ) -> SlewReport:
+        """Nudge: slew by so much on the sky, east and north positive; or to so far beside a target.
+
+        Errors: see `slew`.
+        """
         async with self.work("nudging"):
+            if target is not None:
+                beside = displaced(await self._on_arrival(target), east_arcsec, north_arcsec)
+                aim = self._slewing.aimed(beside, await self._slewing.side_at(beside))
+                return await self._slewing.slew(beside, aim)
             here = from_mount((await self.mount.reading()).place)
             return await self._slewing.slew(displaced(here, east_arcsec, north_arcsec))
 
     async def center(
         self,
-        target: Icrs,
+        target: Target,
         *,
         tolerance_arcsec: float | None = None,
         max_tries: int | None = None,
@@ -325,7 +359,7 @@ class Navigator(MountOrders):
             )
 
     async def flip(
-        self, target: Icrs, *, planned_s: float | None = None, key: str | None = None
+        self, target: Target, *, planned_s: float | None = None, key: str | None = None
     ) -> CenterReport:
         """Let a German mount change sides, and center `target` again, whatever was synced before.
 
@@ -353,6 +387,91 @@ class Navigator(MountOrders):
                     reason=NotReached.SIDE,
                 )
             return report
+
+    async def follow(
+        self,
+        target: Ephemeris,
+        *,
+        until_utc: datetime,
+        tolerance_arcsec: float | None = None,
+        exposure_s: float | None = None,
+        look_every_s: float | None = None,
+        heard: Callable[[FollowProgress], None] | None = None,
+        key: str | None = None,
+    ) -> FollowReport:
+        """Center a target that moves, and track it until an end: by rates, guide pulses or small slews.
+
+        A fast one is waited for ahead on its path. However it ends, the mount has no rates afterwards.
+
+        Parameters
+        ----------
+        until_utc : datetime
+            Aware; earlier where its ephemeris ends, or a limit is ahead.
+        tolerance_arcsec, exposure_s : float, optional
+            Instead of the policy's.
+        look_every_s : float, optional
+            Between two looks while all is well.
+        heard : callable, optional
+            Told how it goes, after each look.
+        key : str, optional
+            Its name, for the policy of syncs.
+
+        Returns
+        -------
+        FollowReport
+            Followed to the end; every other end is an error.
+
+        Raises
+        ------
+        DeviceRefused
+            It is too fast for this mount, with the numbers; nothing moved.
+        OutsideLimits, BadRequest
+            It is outside the limits or its span now; nothing moved.
+        TargetNotReached
+            It could not be centered, or the mount doesn't keep its rates and has no other means.
+        Cancelled
+            It was stopped, or the rates were ended by something else.
+        SolveFailed, OffsetTooLarge, SyncRefused, MountMoved, DeviceError, JournalFailed
+        """
+        policy = replace(
+            self.policy,
+            tolerance_arcsec=self.policy.tolerance_arcsec if tolerance_arcsec is None else tolerance_arcsec,
+            exposure_s=self.policy.exposure_s if exposure_s is None else exposure_s,
+        )
+        async with self.work("following"):
+            run = Following(
+                self._equipment,
+                self._slewing,
+                target,
+                until_utc,
+                policy,
+                look_every_s=look_every_s,
+                heard=heard,
+                key=key,
+                halt=self.halt,
+            )
+            self._following = run
+            try:
+                return await run.run()
+            finally:
+                self._following = None
+
+    async def stop(self) -> None:
+        """Stop the mount now, whatever else is going on; then end a running exposure."""
+        if self._following is not None:
+            self._following.stopped()
+        await super().stop()
+
+    @property
+    def rates(self) -> RatesKept:
+        """How the mount keeps rates beside the sidereal one, as looks have shown."""
+        return self._equipment.rates
+
+    async def forget_rates(self) -> None:
+        """An operator's word that what was learned of the mount's rates counts no more. `JournalFailed`."""
+        rates = self._equipment.rates
+        rates.withdraw("forgotten by an operator's word")
+        await self._equipment.note(EntryKind.LEARNED, rates.words, {RATES_KEPT: rates.as_dict()})
 
     async def correct(
         self,

@@ -9,6 +9,7 @@ from datetime import datetime
 from enum import StrEnum
 
 from mountnav.devices import MountReading, PierSide, SlewOutcome, SyncOutcome
+from mountnav.ephemeris import SkyRates
 from mountnav.errors import LimitKind, SyncDoubt
 from mountnav.frames import Frame
 from mountnav.navigation.reading_history import Meanwhile
@@ -196,6 +197,14 @@ class CenterReport:
         The pointing model that aimed.
     notes : tuple of str
         What an operator should know, in words with numbers.
+    target_name : str
+        Of a target that moves; empty of a fixed one.
+    target_utc : datetime or None
+        Of a target that moves: when it was at `target`, the middle of the last exposure.
+    target_sigma_arcsec : float
+        How uncertain its place is, one sigma.
+    target_rates : SkyRates or None
+        How fast it moves.
     """
 
     outcome: CenterOutcome
@@ -214,6 +223,10 @@ class CenterReport:
     crossing: Crossing | None = None
     model_id: str | None = None
     notes: tuple[str, ...] = ()
+    target_name: str = ""
+    target_utc: datetime | None = None
+    target_sigma_arcsec: float = 0.0
+    target_rates: SkyRates | None = None
 
 
 @dataclass(frozen=True, slots=True)

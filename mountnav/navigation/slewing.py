@@ -5,7 +5,7 @@ On which side of the pier the tube hangs is known from the mount and from the so
 
 from __future__ import annotations
 
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 from mountnav.devices import PierSide, Skill, SlewOutcome, for_mount, from_mount
 from mountnav.errors import (
@@ -21,7 +21,9 @@ from mountnav.journal.records import EntryKind
 from mountnav.mount import WentAnotherWay
 from mountnav.mount.kill_points import kill_point
 from mountnav.navigation.equipment import Equipment
+from mountnav.navigation.moving import Pace, Target, path_of
 from mountnav.navigation.reports import Crossing, Look, SlewReport
+from mountnav.pointing.limits.along import reached_along
 from mountnav.pointing.model.in_force import Expected
 from mountnav.sky.chain import icrs_to_hour_angle
 from mountnav.sky.coordinates import Icrs
@@ -53,8 +55,10 @@ def side_note(found: Look, seen: PierSide) -> str | None:
     )
 
 
-def crossing(equipment: Equipment, target: Icrs, side: PierSide, planned_s: float | None) -> Crossing | None:
-    """The first limit that tracking on `target` reaches within the planned time.
+def crossing(
+    equipment: Equipment, target: Target, side: PierSide, planned_s: float | None
+) -> Crossing | None:
+    """The first limit that tracking on `target` reaches within the planned time; along its path, if it moves.
 
     Parameters
     ----------
@@ -67,15 +71,30 @@ def crossing(equipment: Equipment, target: Icrs, side: PierSide, planned_s: floa
     within_s = LOOK_AHEAD_S if planned_s is None else planned_s
     if within_s <= 0.0:
         return None
-    found = mount.limits.reached(
-        target,
-        now,
-        equipment.site,
-        equipment.air,
-        mounting=mount.mounting,
-        side=None if side is PierSide.UNKNOWN else side,
-        within_s=within_s,
-    )
+    known_side = None if side is PierSide.UNKNOWN else side
+    if isinstance(target, Icrs):
+        found = mount.limits.reached(
+            target,
+            now,
+            equipment.site,
+            equipment.air,
+            mounting=mount.mounting,
+            side=known_side,
+            within_s=within_s,
+        )
+    else:
+        if target.ends_utc is not None:
+            within_s = min(within_s, (target.ends_utc - now).total_seconds())
+        found = reached_along(
+            mount.limits,
+            path_of(target, equipment.site),
+            now,
+            equipment.site,
+            equipment.air,
+            mounting=mount.mounting,
+            side=known_side,
+            within_s=within_s,
+        )
     if found is None:
         return None
     when = now + timedelta(seconds=found.after_s)
@@ -95,10 +114,20 @@ Doubled, a mount that goes its own way is planned again four times before that i
 
 
 class Slewing:
-    """Sends one telescope to places."""
+    """Sends one telescope to places.
+
+    Attributes
+    ----------
+    pace : Pace
+        How long its slews take, learned from each.
+    arrived_utc : datetime or None
+        When the last one did.
+    """
 
     def __init__(self, equipment: Equipment) -> None:
         self._equipment = equipment
+        self.pace = Pace()
+        self.arrived_utc: datetime | None = None
 
     async def slew(
         self, target: Icrs, aim: Icrs | None = None, *, approach: Offset | None = None
@@ -148,6 +177,7 @@ class Slewing:
         mount, clock = equipment.mount, equipment.clock
         latest = equipment.readings.latest
         side_before = None if latest is None else latest.pier_side
+        way_arcsec = None if latest is None else separation_arcsec(from_mount(latest.place), aim)
         equipment.listen("slewing", {"ra_deg": aim.ra_deg, "dec_deg": aim.dec_deg})
         kill_point("slewing")
         began = clock.monotonic_s()
@@ -158,6 +188,10 @@ class Slewing:
         miss = separation_arcsec(reported, aim)
         elapsed_s = clock.monotonic_s() - began
         report = SlewReport(outcome, aim, reported, miss, elapsed_s, side_before, reading.pier_side)
+        if outcome is SlewOutcome.ARRIVED:
+            self.arrived_utc = reading.utc
+            if way_arcsec is not None and not report.flipped:
+                self.pace.slewed(way_arcsec, elapsed_s)
         equipment.listen("slewed", {"outcome": str(outcome), "miss_arcsec": miss, "elapsed_s": elapsed_s})
         if report.flipped:
             sides = {"from": str(side_before), "to": str(reading.pier_side)}

@@ -15,7 +15,7 @@ from mountnav.navigation.sync import SyncDecision
 from mountnav.pointing.offset import TooFarToSync
 from mountnav.sky.sphere import Offset, separation_arcsec
 
-__all__ = ["StopRules", "Tries", "tolerance_kept", "try_facts"]
+__all__ = ["StopRules", "Tries", "tolerance_kept", "tolerance_widened", "try_facts"]
 
 
 STEP_SHARE = 0.75
@@ -33,6 +33,27 @@ def tolerance_kept(asked_arcsec: float, resolution_arcsec: float) -> tuple[float
     return floor, (
         f"a tolerance of {asked_arcsec:g}″ was asked for; the mount's steps of {resolution_arcsec:g}″ allow "
         f"{floor:.1f}″, which was kept"
+    )
+
+
+WIDEST = 3.0
+"""A tolerance is widened to so many times what was asked for at most. Chosen by hand. Doubled, a target with
+poor elements is called centered twice as far from where they have it."""
+
+
+def tolerance_widened(tolerance_arcsec: float, sigma_arcsec: float) -> tuple[float, str | None]:
+    """The tolerance for a target whose own place is uncertain, and what to say about it.
+
+    To come nearer than its place is known costs tries and gains nothing.
+    """
+    if not sigma_arcsec > 0.0:
+        return tolerance_arcsec, None
+    widened = min(math.hypot(tolerance_arcsec, sigma_arcsec), WIDEST * tolerance_arcsec)
+    if widened < 1.05 * tolerance_arcsec:
+        return tolerance_arcsec, None
+    return widened, (
+        f"the target's place is uncertain by {sigma_arcsec:.3g}″ (one sigma): a tolerance of {widened:.3g}″ "
+        f"was kept instead of {tolerance_arcsec:.3g}″"
     )
 
 

@@ -44,9 +44,12 @@ class LimitSettings(Section):
         How far the axes turn: hour angle and declination axis (beyond 90 past the pole), or azimuth and
         altitude.
     sun_cone_deg
-        So near to the Sun nothing is slewed, tracked or passed. 0: no such limit, as for a solar telescope.
+        So near to the Sun nothing is slewed, tracked or passed. Left out: 20, or 0 (no such limit) with a
+        `solar_filter`.
     sun_cone_from_altitude_deg
         The cone counts from this altitude of the Sun on.
+    solar_filter
+        A filter for the Sun is in front of the tube, and stays there: only then the Sun is a target.
     moon_cone_deg
         The same for the Moon when it is up. 0: no such limit.
     daylight
@@ -81,6 +84,7 @@ class LimitSettings(Section):
     second_axis_deg: tuple[_Turn, _Turn] | None = None
     sun_cone_deg: _Cone = 20.0
     sun_cone_from_altitude_deg: _Altitude = -6.0
+    solar_filter: bool = False
     moon_cone_deg: _Cone = 0.0
     daylight: Literal["allow", "refuse"] = "allow"
     daylight_from_altitude_deg: _Altitude = -6.0
@@ -114,8 +118,9 @@ class LimitSettings(Section):
             past_meridian_deg=(self.past_meridian_east_deg, self.past_meridian_west_deg),
             first_axis_deg=self.first_axis_deg,
             second_axis_deg=self.second_axis_deg,
-            sun_cone_deg=self.sun_cone_deg,
+            sun_cone_deg=self._cone_deg,
             sun_cone_from_altitude_deg=self.sun_cone_from_altitude_deg,
+            solar_filter=self.solar_filter,
             moon_cone_deg=self.moon_cone_deg,
             daylight=self.daylight,
             daylight_from_altitude_deg=self.daylight_from_altitude_deg,
@@ -126,6 +131,10 @@ class LimitSettings(Section):
             track_for_s=self.track_for_s,
             untrusted_tracking_s=self.untrusted_tracking_s,
         )
+
+    @property
+    def _cone_deg(self) -> float:
+        return 0.0 if self.solar_filter and "sun_cone_deg" not in self.model_fields_set else self.sun_cone_deg
 
     @property
     def _rate_ratio(self) -> tuple[float, float] | None:

@@ -14,6 +14,7 @@ from mountnav.files import read_text
 from mountnav.parsing import toml_of
 from mountnav.settings.catalogs import CatalogsSettings
 from mountnav.settings.demo import DemoSettings
+from mountnav.settings.ephemerides import EphemeridesSettings
 from mountnav.settings.explained import explain, syntax_fault
 from mountnav.settings.faces import (
     AlpacaSettings,
@@ -74,6 +75,16 @@ class _CatalogsAlone(Section):
     catalogs: CatalogsSettings = CatalogsSettings()
 
 
+class _EphemeridesAlone(Section):
+    """A file of which only `[ephemerides]` and the site matter; what else it holds is for others."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    site: SiteSettings | None = None
+    air: AirSettings = AirSettings()
+    ephemerides: EphemeridesSettings = EphemeridesSettings()
+
+
 class Settings(Section):
     """The whole file."""
 
@@ -82,6 +93,7 @@ class Settings(Section):
     air: AirSettings = AirSettings()
     solving: SolvingSettings = SolvingSettings()
     catalogs: CatalogsSettings = CatalogsSettings()
+    ephemerides: EphemeridesSettings = EphemeridesSettings()
     journal: JournalSettings = JournalSettings()
     alpaca: AlpacaSettings = AlpacaSettings()
     indi_server: IndiServerSettings = IndiServerSettings()
@@ -176,6 +188,23 @@ class Settings(Section):
             return _CatalogsAlone.model_validate(data).catalogs
         except ValidationError as error:
             raise explain(error, name, text, data, known=_known_keys()) from error
+
+    @classmethod
+    def load_ephemerides(cls, path: Path) -> tuple[EphemeridesSettings, Site | None, Air]:
+        """Read `[ephemerides]`, `[site]` and `[air]` of a settings file that may hold nothing else.
+
+        Raises
+        ------
+        BadSettings
+            As `load`, of those tables alone.
+        """
+        text, name = _text(path), str(path)
+        data = _parsed(text, name)
+        try:
+            read = _EphemeridesAlone.model_validate(data)
+        except ValidationError as error:
+            raise explain(error, name, text, data, known=_known_keys()) from error
+        return read.ephemerides, None if read.site is None else read.site.site, read.air.air
 
     @classmethod
     def parse(cls, text: str, *, name: str = "settings") -> Self:

@@ -19,6 +19,9 @@ from mountnav.settings.section import Section
 from mountnav.settings.sync import SyncSettings
 
 FAKE_SCHEME = "fake+"
+LEAST_SUN_CONE_DEG = 5.0
+"""Smallest cone around the Sun without a solar filter: nearer than that its light falls into most tubes.
+Doubled, Mercury can't be looked at by those who chose to."""
 FAKES = ("lx200", "nexstar", "synscan", "ioptron", "skywatcher")
 """Protocols that a fake mount of the service may speak."""
 
@@ -199,6 +202,23 @@ class TelescopeSettings(Section):
     sync: SyncSettings = SyncSettings()
     model: ModelSettings = ModelSettings()
     night: NightSettings = NightSettings()
+
+    @model_validator(mode="after")
+    def _sun_needs_a_filter(self) -> Self:
+        if self.limits.sun_cone_deg < LEAST_SUN_CONE_DEG and not (
+            self.mount.is_fake or self.limits.solar_filter
+        ):
+            raise PydanticCustomError(
+                "sun_without_filter",
+                "sun_cone_deg = {cone} lets the tube of a real mount look at the Sun",
+                {
+                    "cone": self.limits.sun_cone_deg,
+                    "key": "sun_cone_deg",
+                    "fix": "say solar_filter = true if a filter is in front of the tube, "
+                    f"or set sun_cone_deg to {LEAST_SUN_CONE_DEG:g} or more; 20 is usual",
+                },
+            )
+        return self
 
     @model_validator(mode="after")
     def _simulated_camera_needs_fake_mount(self) -> Self:

@@ -27,6 +27,7 @@ __all__ = [
     "GREEK",
     "NamedObject",
     "in_one_form",
+    "name_key",
     "named_objects",
     "object_of_name",
     "position_of_name",
@@ -156,9 +157,9 @@ def object_of_name(name: str) -> NamedObject:
     BadRequest
         There is none; the advice tells what is called alike.
     """
-    found = _by_key().get(_key(name))
+    found = _by_key().get(name_key(name))
     if found is None:
-        like = ", ".join(one.name for one in search(name, 3)) if _key(name) else ""
+        like = ", ".join(one.name for one in search(name, 3)) if name_key(name) else ""
         raise BadRequest(
             f"nothing here is called {name!r}",
             advice=f"is it one of these: {like}?" if like else "GET /v1/objects?q= finds names",
@@ -187,7 +188,7 @@ def search(text: str, count: int = 20) -> list[NamedObject]:
     count : int
         At most so many.
     """
-    wanted = _key(text)
+    wanted = name_key(text)
     ranked: list[tuple[int, float, str, NamedObject]] = []
     for one in named_objects():
         keys = _keys_of(one)
@@ -235,15 +236,15 @@ def _by_key() -> dict[str, NamedObject]:
         for key in _keys_of(one):
             found.setdefault(key, one)
     # a proper name goes before any designation
-    return found | {_key(one.name): one for one in named_objects()}
+    return found | {name_key(one.name): one for one in named_objects()}
 
 
 @cache
 def _keys_of(one: NamedObject) -> tuple[str, ...]:
-    return tuple(_key(name) for name in (one.name, *one.aliases))
+    return tuple(name_key(name) for name in (one.name, *one.aliases))
 
 
-def _key(text: str) -> str:
+def name_key(text: str) -> str:
     """A name as it is compared: letters small, without accents, Greek ones spelled out; digits as they are.
 
     What might be part of a number (``M4.0`` is not M40) or of another script stays: it is nobody's name here.

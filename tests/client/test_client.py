@@ -203,6 +203,8 @@ def test_every_kind_of_order_is_one_that_the_service_knows(client: Client) -> No
         "sync-to": orders.sync_to(targets.altaz(50.0, 180.0)),
         "offset": orders.offset(1.0, 2.0),
         "flip": orders.flip(targets.typed("18h36m56s +38°47′"), planned_s=10.0),
+        "follow": orders.follow(targets.named("Moon"), duration_s=600.0, tolerance_arcsec=5.0),
+        "forget-rates": orders.forget_rates(),
         "park": orders.park(),
         "unpark": orders.unpark(),
         "set-park": orders.set_park(),

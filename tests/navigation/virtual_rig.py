@@ -84,12 +84,13 @@ def in_virtual_time(
     policy: CenteringPolicy = POLICY,
     turned_deg: float = 33.0,
     wrap: Callable[[Mount], Mount] = lambda mount: mount,
+    made: type[SimulatedMount] = SimulatedMount,
     **given: Any,
 ) -> Result:
     """Open a rig, let `work` have it, close it; hours take moments."""
     clock = VirtualClock(START)
     mechanics = Mechanics(SITE, AIR, errors, machine=machine, clock=clock)
-    mount = SimulatedMount(mechanics, clock, behavior or MountBehavior())
+    mount = made(mechanics, clock, behavior or MountBehavior())
     script = script or SkyScript()
     camera = TruthCamera(mechanics, clock, script, through, turned_deg=turned_deg)
     sky = SkySeen(script, clock, through)

@@ -13,6 +13,7 @@ from mountnav.catalog.embedded import embedded_catalog
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.sky.iers import prepare
+from mountnav.sky.kernel import SHIPPED_PATH
 from mountnav.sky.named import NamedObject, named_objects, object_of_name, position_of_name, search
 from mountnav.sky.planets import BODIES, position_of_body
 from mountnav.sky.proper_motion import moved_to
@@ -66,18 +67,20 @@ def _nearest_arcsec(one: NamedObject) -> float:
 @pytest.mark.parametrize("name", BODIES)
 def test_bodies_stand_where_astropy_has_them(name: str, utc: datetime) -> None:
     from astropy import units
-    from astropy.coordinates import EarthLocation, SkyCoord, get_body
+    from astropy.coordinates import EarthLocation, SkyCoord, get_body, solar_system_ephemeris
     from astropy.time import Time
 
     prepare()
     earth = EarthLocation.from_geodetic(SITE.longitude_deg, SITE.latitude_deg, SITE.height_m * units.m)
-    with warnings.catch_warnings():
+    # the Earth too, which get_body takes from astropy's own formulas unless all of it is told
+    with warnings.catch_warnings(), solar_system_ephemeris.set(str(SHIPPED_PATH)):
         warnings.simplefilter("ignore")  # of dubious years, as erfa calls those to come
-        seen = get_body(name, Time(utc), earth, ephemeris="builtin")
+        seen = get_body(name, Time(utc), earth)
         star = SkyCoord(ra=seen.ra, dec=seen.dec, frame=seen.frame.replicate_without_data()).icrs
     there = Icrs(float(star.ra.deg), float(star.dec.deg))
     # next to the Sun astropy bends the light of what stands before it too
-    assert separation_arcsec(there, position_of_body(name, utc, SITE)) < 0.5
+    near_sun = name in ("sun", "mercury", "venus")
+    assert separation_arcsec(there, position_of_body(name, utc, SITE)) < (0.5 if near_sun else 0.1)
 
 
 def test_proper_motion_is_astropys() -> None:

@@ -16,6 +16,8 @@ from api.orders.vocabulary import (
     FirstLightOrder,
     FlipBody,
     FlipOrder,
+    FollowBody,
+    FollowOrder,
     HomeOrder,
     LookBody,
     LookOrder,
@@ -63,6 +65,16 @@ async def center_telescope(ordering: TheOrdering, body: _Center) -> JobView:
 async def flip_telescope(ordering: TheOrdering, body: FlipBody) -> JobView:
     """Let a German mount change sides, and center the target anew, whatever was synced before."""
     return await ordering.take(body.order(FlipOrder))
+
+
+@router.post("/follow", status_code=202, responses=STARTING)
+async def follow_telescope(ordering: TheOrdering, body: FollowBody) -> JobView:
+    """Center a target that moves among the stars, and track it until an end; looks confirm its rates.
+
+    By rates where the mount takes them, else by guide pulses or small slews; a target that is too fast for it
+    is refused with the numbers. However it ends, the mount has no rates of its own afterwards.
+    """
+    return await ordering.take(body.order(FollowOrder))
 
 
 @router.post("/look", status_code=202, responses=STARTING)

@@ -44,6 +44,9 @@ class Limits:
         So near to the Sun the tube may not come, ...
     sun_cone_from_altitude_deg : float
         ... when the Sun is this high or higher.
+    solar_filter : bool
+        Whether a filter in front of the tube is declared: without it the Sun is no target, with or without a
+        cone.
     moon_cone_deg : float
         The same for the Moon, when it is above the horizon.
     daylight : {"allow", "refuse"}
@@ -81,6 +84,7 @@ class Limits:
     second_axis_deg: tuple[float, float] | None = None
     sun_cone_deg: float = 0.0
     sun_cone_from_altitude_deg: float = -6.0
+    solar_filter: bool = False
     moon_cone_deg: float = 0.0
     daylight: Literal["allow", "refuse"] = "allow"
     daylight_from_altitude_deg: float = -6.0

@@ -63,6 +63,7 @@ scale_arcsec_px = 4.0
 settle_s = 0.0
 [telescope.limits]
 sun_cone_deg = 0.0
+solar_filter = true
 """
 """The Sun is no limit here: a test that ends otherwise at another hour of the day would tell nothing."""
 _MOVES = (

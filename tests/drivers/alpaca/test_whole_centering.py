@@ -79,7 +79,7 @@ async def test_a_target_is_centered_over_alpaca(tmp_path: Path, monkeypatch: pyt
         mount = {{ url = "{server.url("telescope/0", "poll_s=0.2")}", mounting = "german" }}
         camera = {{ kind = "alpaca", url = "{server.url("camera/0", "poll_s=0.05")}", gain = 20 }}
         centering = {{ settle_s = 0.0 }}
-        limits = {{ sun_cone_deg = 0.0 }}
+        limits = {{ sun_cone_deg = 0.0, solar_filter = true }}
         """
         app = create_app(Settings.parse(toml))
         transport = httpx.ASGITransport(app=app)

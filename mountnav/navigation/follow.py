@@ -1,0 +1,1098 @@
+"""Following a target that moves: centered, then tracked until an end, with looks that judge its rates.
+
+::
+
+    plan: fast enough? limits ahead? -> centered, or waited for ahead on its path -> followed -> ended
+                                                                    |  ^
+                            rates renewed as they change, looks, corrections by what they show
+
+Between looks the tube is where the last ones saw it, moved on by what the mount was told (`tube_estimate`). A
+look says how far it is off, and with those before it which rates the mount truly keeps (`rates_seen`); a
+fault that is named is made good (`rates_kept`), one that isn't is not: the target is followed by other means
+then. Whatever its end, the mount follows the stars again afterwards, or stands still.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from enum import StrEnum
+
+from mountnav.devices import (
+    STARS_RATES,
+    Direction,
+    OffsetRates,
+    PierSide,
+    Skill,
+    for_mount,
+    from_mount,
+)
+from mountnav.ephemeris import Ephemeris
+from mountnav.errors import (
+    BadFrame,
+    BadRequest,
+    Cancelled,
+    DeviceRefused,
+    LimitKind,
+    MountMoved,
+    MountnavError,
+    NotReached,
+    OutsideLimits,
+    Refusal,
+    SolveFailed,
+    SyncRefused,
+    TargetNotReached,
+)
+from mountnav.journal.records import EntryKind
+from mountnav.navigation.centering import center_in_time
+from mountnav.navigation.equipment import Equipment
+from mountnav.navigation.follow_plan import (
+    PULSE_EVERY_S,
+    SHORTEST_S,
+    FollowBy,
+    FollowPlan,
+    Means,
+    mount_rates,
+    plan_follow,
+)
+from mountnav.navigation.look import LookOptions, expose_and_solve
+from mountnav.navigation.policy import CenteringPolicy
+from mountnav.navigation.rates_kept import RATES_KEPT
+from mountnav.navigation.rates_seen import (
+    OrderedRates,
+    RateFault,
+    RateLook,
+    RatesJudgement,
+    judge_rates,
+    trail_of,
+)
+from mountnav.navigation.reports import CenterReport, Look, finite_or_none
+from mountnav.navigation.slewing import Slewing
+from mountnav.navigation.tube_estimate import TubeEstimate, rates_on_sky
+from mountnav.pointing.limits.along import Path, SkyEvent, SkyEventKind, forecast
+from mountnav.sky.coordinates import Apparent, Icrs, Site
+from mountnav.sky.sphere import Offset, displaced, offset_arcsec, separation_arcsec
+from mountnav.tasks import together, waited_for
+
+__all__ = ["FollowEnd", "FollowProgress", "FollowReport", "Following", "progress_facts"]
+
+LOOK_EVERY_S = 60.0
+"""Between two looks while all is well, s, where nobody says. Chosen by hand: what the camera is there for
+needs most of the time. Doubled, a fault of the rates shows a minute later."""
+FIRST_LOOKS = 4
+"""So many looks are taken one after the other, until one can tell whether the rates are kept. Doubled, a slow
+target has four more exposures taken before it is left alone."""
+LONGEST = timedelta(hours=24)
+"""No target is followed for longer by one order."""
+MOST_TRAIL_PX = 5.0
+"""Stars may be drawn out so far in a look, pixels; else it is exposed for less. Doubled, centers are
+worse."""
+SHORTEST_LOOK_S = 0.3
+"""Looks are not exposed for less, s: there are no stars then. What is too fast for that is not looked at."""
+CATCH_UP_S = 8.0
+"""What a look shows to be off is made good in so much time, s, by rates. Doubled, pictures are drawn out half
+as fast, for twice as long."""
+MOST_CATCH_UP_ARCSEC_S = 15.0
+"""... and no faster, ″/s: the sky's own speed. Doubled, it takes half the time."""
+DEAD_SHARE = 0.1
+"""What is off by less than this share of the tolerance is left. Doubled, less is corrected, and less
+disturbed."""
+CENTERED_WITHIN_S = 8.0
+"""A target is centered before it is followed to as much as it goes in so much time, s, or to the tolerance if
+that is more: slews arrive some seconds early or late. Halved, fast NEOs are centered in vain."""
+HOP_ARCSEC, HOP_TOLERANCES = 120.0, 12.0
+"""From so far off, ″ or tolerances, whichever is more, it is slewed back: rates would take too long. Doubled,
+large errors are crept back from."""
+HELD_S = 90.0
+"""Rates are ordered for so long at once, s, and renewed before: who dies leaves them for no longer. Doubled,
+a mount that nobody renews goes on for three minutes."""
+ALARM_FACTOR, ALARM_ARCSEC_S = 3.0, 10.0
+"""The mount's own readings alarm when they show rates wrong by so many times what was ordered, and by so
+much: before a look is taken the tube may be degrees away. Doubled, a factor of 5 waits for the looks."""
+ALARM_AFTER_S = 3.0
+"""So long after the first rates the mount is read for that, s. Doubled, a factor of 220 leads twice as
+far."""
+BEFORE_LIMIT_S = 20.0
+"""So long before a limit following ends, s: before the watch over the limits would stop the mount. Doubled,
+so much of the path is lost."""
+BEYOND_S = 2.0
+"""Rates are ordered for so much longer than the end, s: this job ends them itself, by an order. Doubled, a
+job that dies at its end leaves them for 4 s."""
+AMBIGUOUS_LOOKS = 7
+"""After so many looks of rates that are wrong, without a name, it is followed by other means. Doubled, that
+is seen later."""
+LEG_LOOKS = 12
+"""Rates are judged by so many of the last looks. Doubled, rates that are lost meanwhile are seen later."""
+ENOUGH_TO_CONFIRM = 3
+"""So many looks must agree with a correction before it is kept for good. Doubled, it takes as many more."""
+WAIT_AHEAD_S = 10.0
+"""A fast target is waited for so long before it comes, s, at least. Halved, some are missed."""
+SHORTEST_PULSE_S = 0.02
+"""Shorter guide pulses are left, s: most mounts make nothing of them, or 0.1 s. Doubled, 0.3″ is left."""
+MOST_TOLD = 1000
+"""So many looks of one job are kept with it; more are told as events alone. Doubled, a job of a night that
+looks every few seconds is a row of 2 MB."""
+MISSES = 6
+"""Looks in a row that weren't solved, after which that is told once more."""
+
+
+def _clipped(target: Ephemeris, site: Site) -> Path:
+    """A target's path that goes on at its end as a star would: rates are looked at a little beyond it."""
+    ends = target.ends_utc
+
+    def path(utc: datetime) -> Icrs:
+        return target.icrs(utc if ends is None else min(utc, ends), site)
+
+    return path
+
+
+class FollowEnd(StrEnum):
+    """Why following ended."""
+
+    TIME = "time"
+    EPHEMERIS = "ephemeris-ends"
+    LIMIT = "limit-ahead"
+
+
+@dataclass(frozen=True, slots=True)
+class FollowProgress:
+    """How it goes.
+
+    Attributes
+    ----------
+    utc : datetime
+    phase : {"centering", "waiting", "following"}
+    by : FollowBy
+    off_arcsec, off_sigma_arcsec : float or None
+        From the target, as the last look saw it; None before one.
+    judgement : RatesJudgement or None
+        Of the rates, with what was measured.
+    ordered : OffsetRates or None
+        What the mount is to keep beside the sidereal rate.
+    sent : OffsetRates or None
+        What it was sent for that: other numbers where a correction is in force.
+    left_s : float
+        Until the end.
+    next_event : str
+        What comes next on the path, in words; empty if nothing does.
+    words : str
+        What has just happened.
+    """
+
+    utc: datetime
+    phase: str
+    by: FollowBy
+    off_arcsec: float | None
+    off_sigma_arcsec: float | None
+    judgement: RatesJudgement | None
+    ordered: OffsetRates | None
+    sent: OffsetRates | None
+    left_s: float
+    next_event: str
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class FollowReport:
+    """How a target was followed.
+
+    Attributes
+    ----------
+    end : FollowEnd
+        Every other end is an error.
+    target_name : str
+    began_utc, ended_utc : datetime
+        Of following itself.
+    plan : FollowPlan
+        As it was planned.
+    by : FollowBy
+        By what it was followed at last.
+    centered : CenterReport or None
+        None of a fast target, which is waited for.
+    looks, unsolved : int
+    worst_arcsec, rms_arcsec, last_arcsec : float or None
+        How far off the looks were from the second one on; None without.
+    within : int
+        So many of those were within the tolerance.
+    tolerance_arcsec : float
+    renewed : int
+        So often rates were ordered, or pulses, or slews.
+    judgement : RatesJudgement or None
+        The last one.
+    fault : RateFault or None
+        The last that was named.
+    correction : str
+        In force, in words; empty if none is.
+    events : tuple of SkyEvent
+        What was foretold.
+    notes : tuple of str
+    elapsed_s : float
+    """
+
+    end: FollowEnd
+    target_name: str
+    began_utc: datetime
+    ended_utc: datetime
+    plan: FollowPlan
+    by: FollowBy
+    centered: CenterReport | None
+    looks: int
+    unsolved: int
+    worst_arcsec: float | None
+    rms_arcsec: float | None
+    last_arcsec: float | None
+    within: int
+    tolerance_arcsec: float
+    renewed: int
+    judgement: RatesJudgement | None
+    fault: RateFault | None
+    correction: str
+    events: tuple[SkyEvent, ...]
+    notes: tuple[str, ...]
+    elapsed_s: float
+
+
+def progress_facts(progress: FollowProgress) -> dict[str, object]:
+    """How it goes, for listeners: finite numbers or None."""
+    judged = progress.judgement
+    seen = None if judged is None else judged.measured
+    ordered, sent = progress.ordered, progress.sent
+    return {
+        "utc": progress.utc.isoformat(),
+        "phase": progress.phase,
+        "by": str(progress.by),
+        "off_arcsec": progress.off_arcsec,
+        "off_sigma_arcsec": None
+        if progress.off_sigma_arcsec is None
+        else finite_or_none(progress.off_sigma_arcsec),
+        "verdict": None if judged is None else judged.verdict,
+        "fault": None if judged is None or judged.fault is None else str(judged.fault),
+        "seen_ra_arcsec_s": None if seen is None else seen.rates.ra_arcsec_s,
+        "seen_dec_arcsec_s": None if seen is None else seen.rates.dec_arcsec_s,
+        "seen_ra_sigma_arcsec_s": None if seen is None else seen.ra_sigma_arcsec_s,
+        "seen_dec_sigma_arcsec_s": None if seen is None else seen.dec_sigma_arcsec_s,
+        "ordered_ra_arcsec_s": None if ordered is None else ordered.ra_arcsec_s,
+        "ordered_dec_arcsec_s": None if ordered is None else ordered.dec_arcsec_s,
+        "sent_ra_arcsec_s": None if sent is None else sent.ra_arcsec_s,
+        "sent_dec_arcsec_s": None if sent is None else sent.dec_arcsec_s,
+        "left_s": progress.left_s,
+        "next_event": progress.next_event,
+        "words": progress.words,
+    }
+
+
+class Following:
+    """One run.
+
+    Parameters
+    ----------
+    until_utc : datetime
+        Aware.
+    policy : CenteringPolicy
+        With the tolerance and the exposure of the order.
+    look_every_s : float, optional
+        Between the beginnings of two looks.
+    heard : callable, optional
+        Told how it goes.
+    halt : callable
+        Stops the mount.
+    """
+
+    def __init__(
+        self,
+        equipment: Equipment,
+        slewing: Slewing,
+        target: Ephemeris,
+        until_utc: datetime,
+        policy: CenteringPolicy,
+        *,
+        look_every_s: float | None,
+        heard: Callable[[FollowProgress], None] | None,
+        key: str | None,
+        halt: Callable[[], Awaitable[None]],
+    ) -> None:
+        self._equipment, self._slewing, self._target = equipment, slewing, target
+        self._mount, self._clock = equipment.mount, equipment.clock
+        self._policy, self._key, self._halt = policy, key, halt
+        self._look_every_s = LOOK_EVERY_S if look_every_s is None else look_every_s
+        self._heard = heard
+        self._until = until_utc
+        # one callable for the whole run: limits along it are looked at once
+        self._path = _clipped(target, equipment.site)
+        self._tolerance = max(policy.tolerance_arcsec, 0.75 * self._mount.resolution_arcsec)
+        self._rates = equipment.rates
+        self._hand = asyncio.Lock()
+        self._wake = asyncio.Event()
+        self._stopped = False
+        self._end = FollowEnd.TIME
+        self._by = FollowBy.RATES
+        self._side = PierSide.UNKNOWN
+        self._tube: TubeEstimate | None = None
+        self._beside = Offset(0.0, 0.0)
+        self._kept: list[OrderedRates] = []
+        self._sent: list[OrderedRates] = []
+        self._leg: list[RateLook] = []
+        self._leg_side = PierSide.UNKNOWN
+        self._in_force = False
+        self._kept_before = False
+        # until looks have shown that its rates are kept they are sent steadily: nothing is made good by them
+        self._verified = self._rates.confirmed
+        self._leg_from: datetime | None = None
+        self._offs: list[float] = []
+        self._looks = self._unsolved = self._missed = self._renewed = 0
+        self._judgement: RatesJudgement | None = None
+        self._fault: RateFault | None = None
+        self._off: tuple[float, float] | None = None
+        self._order_s, self._alarms, self._wrong, self._tried = 0.1, 0, 0, False
+        self._events: tuple[SkyEvent, ...] = ()
+        self.notes: list[str] = []
+        self.plan: FollowPlan | None = None
+
+    # -- the whole -----------------------------------------------------------------------------------
+
+    async def run(self) -> FollowReport:
+        """Follow. See `Navigator.follow`."""
+        began_s = self._clock.monotonic_s()
+        self.plan = plan = await self._planned()
+        self._by = plan.by
+        await self._equipment.note(EntryKind.DECISION, f"follows {self._target.name} {plan.words}", {})
+        centered: CenterReport | None = None
+        if plan.fast:
+            await self._wait_ahead()
+        else:
+            self._tell("centering", plan.words)
+            centered = await self._centered()
+        began = self._clock.utc()
+        self._tell("following", plan.words)
+        try:
+            await together(self._steer(), self._look_on())
+        finally:
+            await self._over()
+        return self._report(began, centered, self._clock.monotonic_s() - began_s)
+
+    def stopped(self) -> None:
+        """A stop was ordered: nothing more is sent."""
+        self._stopped = True
+        self._wake.set()
+
+    async def _over(self) -> None:
+        """End the rates: also when this is cancelled; the mount's own ending goes on trying if it fails."""
+        if self._mount.offset_rates_in_force is None and not self._in_force:
+            return
+        self._in_force = False
+        ending = waited_for(self._mount.end_offset_rates())
+        try:
+            await asyncio.shield(ending)
+        except asyncio.CancelledError:
+            with contextlib.suppress(MountnavError):
+                await ending
+            raise
+
+    # -- before anything moves -----------------------------------------------------------------------
+
+    async def _planned(self) -> FollowPlan:
+        equipment, mount, target = self._equipment, self._mount, self._target
+        now = self._clock.utc()
+        if self._until <= now:
+            raise BadRequest(f"following until {self._until:%Y-%m-%d %H:%M:%S} UTC: that is over")
+        if self._until - now > LONGEST:
+            raise BadRequest("following for more than a day", advice="order it for less, and again")
+        if target.begins_utc is not None and target.begins_utc > self._until:
+            raise BadRequest(f"{target.name} has no place before {target.begins_utc:%Y-%m-%d %H:%M:%S} UTC")
+        if target.ends_utc is not None and target.ends_utc < self._until:
+            self._end, self._until = FollowEnd.EPHEMERIS, target.ends_utc
+            self._note(f"its ephemeris ends at {target.ends_utc:%H:%M:%S} UTC, before the time is up")
+        if self._until <= now:
+            raise BadRequest(f"the ephemeris of {target.name} has ended", advice="give one that goes on")
+        await mount.require_agreement()
+        await mount.require_unparked("offset-rates")
+        self._side = await self._slewing.side_at(self._path(now))
+        self._events = await asyncio.to_thread(self._foretold, now)
+        for event in self._events:
+            if event.kind is not SkyEventKind.LIMIT:
+                continue
+            ends = event.utc - timedelta(seconds=BEFORE_LIMIT_S)
+            if ends <= now:
+                raise OutsideLimits(
+                    f"{target.name} {event.words}",
+                    device=equipment.name,
+                    limit=event.limit or LimitKind.UNREACHABLE,
+                    advice="nothing was moved; follow it when it is within the limits",
+                )
+            if ends < self._until:
+                self._end, self._until = FollowEnd.LIMIT, ends
+                self._note(f"it will be followed until {ends:%H:%M:%S} UTC: {target.name} {event.words}")
+            break
+        if self._until - now < timedelta(seconds=2.0):
+            raise BadRequest(f"there are less than 2 s left to follow {target.name}")
+        return await asyncio.to_thread(
+            plan_follow, self._path, now, self._until, mount.epoch, self._means(), self._tolerance
+        )
+
+    def _foretold(self, now: datetime) -> tuple[SkyEvent, ...]:
+        equipment, mount = self._equipment, self._mount
+        return forecast(
+            mount.limits,
+            self._path,
+            now,
+            self._until,
+            equipment.site,
+            equipment.air,
+            mounting=mount.mounting,
+            side=None if self._side is PierSide.UNKNOWN else self._side,
+        )
+
+    def _means(self) -> Means:
+        mount = self._mount
+        takes = Skill.OFFSET_RATES in mount.skills
+        pulses = Skill.GUIDE in mount.skills
+        pace = self._slewing.pace
+        return Means(
+            takes_rates=takes,
+            most=mount.most_offset_arcsec_s if takes else None,
+            most_arcsec_s=mount.following_policy.most_arcsec_s,
+            order_s=self._order_s,
+            guide_deg_s=mount.guide_rates_deg_s if pulses else None,
+            slew_s=pace.slew_s(60.0) + pace.until_exposed_s(self._policy.settle_s),
+            device=mount.name,
+        )
+
+    # -- getting there -------------------------------------------------------------------------------
+
+    async def _centered(self) -> CenterReport:
+        plan = self.plan
+        assert plan is not None
+        # what is left of it is caught up with afterwards
+        left_s = (self._until - self._clock.utc()).total_seconds()
+        near = max(self._policy.tolerance_arcsec, CENTERED_WITHIN_S * plan.fastest_arcsec_s)
+        report = await center_in_time(
+            self._equipment,
+            self._slewing,
+            self._target,
+            replace(
+                self._policy, tolerance_arcsec=near, timeout_s=max(1.0, min(self._policy.timeout_s, left_s))
+            ),
+            halt=self._halt,
+            planned_s=(self._until - self._clock.utc()).total_seconds(),
+            key=self._key,
+        )
+        self._require_wanted()
+        self._side = report.side
+        utc = report.target_utc or self._clock.utc()
+        place = for_mount(report.tries[-1].seen, self._mount.epoch, utc)
+        self._tube = TubeEstimate.of(place, utc, max(report.error_sigma_arcsec, 0.1))
+        reading = await self._mount.reading()
+        # it has tracked as for a star since
+        self._beside = offset_arcsec(from_mount(reading.place), report.tries[-1].seen)
+        self.notes += [note for note in report.notes if note not in self.notes]
+        return report
+
+    async def _wait_ahead(self) -> None:
+        """Slew to where the target will come by, and wait for it there."""
+        clock = self._clock
+        here = from_mount((await self._mount.reading()).place)
+        lead_s = WAIT_AHEAD_S
+        for _ in range(4):
+            comes = clock.utc() + timedelta(seconds=lead_s)
+            way = separation_arcsec(here, self._path(min(comes, self._until)))
+            lead_s = 1.2 * self._slewing.pace.slew_s(way) + WAIT_AHEAD_S
+        comes = clock.utc() + timedelta(seconds=lead_s)
+        if comes >= self._until:
+            raise BadRequest(
+                f"{self._target.name} is over before the telescope could be on its path ({lead_s:.0f} s)",
+                advice="nothing was moved; order it earlier, to wait for it",
+            )
+        ahead = self._path(comes)
+        aim = self._slewing.aimed(ahead, await self._slewing.side_at(ahead))
+        self._tell("waiting", f"slews ahead of it, to wait for {comes:%H:%M:%S} UTC")
+        await self._slewing.slew(ahead, aim)
+        self._require_wanted()
+        found = None
+        if (comes - clock.utc()).total_seconds() > self._policy.exposure_s + WAIT_AHEAD_S:
+            found = await self._looked(self._policy.exposure_s)
+        reading = await self._mount.reading()
+        believed = from_mount(reading.place)
+        self._side = reading.side
+        # without a look the model's aim is what is known
+        self._beside = (
+            offset_arcsec(aim, ahead) if found is None else offset_arcsec(found.believed, found.seen)
+        )
+        seen = displaced(believed, -self._beside.east_arcsec, -self._beside.north_arcsec)
+        self._tube = TubeEstimate.of(for_mount(seen, self._mount.epoch, reading.utc), reading.utc, 5.0)
+        wait_s = (comes - clock.utc()).total_seconds()
+        if wait_s > 0.0:
+            await self._pause(wait_s)
+        self._require_wanted()
+
+    # -- steering ------------------------------------------------------------------------------------
+
+    async def _steer(self) -> None:
+        """Send what the mount needs, again and again, until the end."""
+        while True:
+            self._require_wanted()
+            self._wake.clear()
+            left_s = (self._until - self._clock.utc()).total_seconds()
+            if left_s <= 0.0:
+                async with self._hand:
+                    await self._over()
+                return
+            async with self._hand:
+                match self._by:
+                    case FollowBy.RATES:
+                        wait_s = await self._renew()
+                    case FollowBy.PULSES:
+                        wait_s = await self._pulse()
+                    case FollowBy.SLEWS:
+                        wait_s = await self._slew_on()
+            left_s = (self._until - self._clock.utc()).total_seconds()
+            await self._pause(max(0.0, min(wait_s, left_s)))
+
+    async def _renew(self) -> float:
+        """Order the rates for the next while; how long they are good."""
+        plan, mount, clock = self.plan, self._mount, self._clock
+        assert plan is not None
+        if self._in_force and mount.offset_rates_in_force is None:
+            self._in_force = False
+            raise Cancelled(
+                "the rates were ended by something else: a stop, a limit, a lost link",
+                device=mount.name,
+                advice="see the journal for what; order it again when it is safe",
+            )
+        await self._read_on(plan)
+        now = clock.utc()
+        off = self._off_now(now)
+        span_s, catch = plan.renew_s, Offset(0.0, 0.0)
+        steady = self._steady
+        if off.total_arcsec > DEAD_SHARE * self._tolerance and not (steady and self._leg_from is not None):
+            within_s = max(CATCH_UP_S, off.total_arcsec / MOST_CATCH_UP_ARCSEC_S)
+            if not plan.fast:
+                span_s = within_s
+            catch = Offset(-off.east_arcsec / within_s, -off.north_arcsec / within_s)
+        span_s = max(SHORTEST_S, 2.0 * self._order_s, min(span_s, (self._until - now).total_seconds()))
+        wanted = mount_rates(self._path, now, mount.epoch, span_s)
+        assert self._tube is not None
+        drift_east, drift_north = self._tube.drift_arcsec_s
+        dec_deg = for_mount(self._path(now), mount.epoch, now).dec_deg
+        if steady:
+            drift_east = drift_north = 0.0
+        more = rates_on_sky(catch.east_arcsec - drift_east, catch.north_arcsec - drift_north, dec_deg)
+        wanted = OffsetRates(wanted.ra_arcsec_s + more.ra_arcsec_s, wanted.dec_arcsec_s + more.dec_arcsec_s)
+        wanted = self._bounded(wanted)
+        sent = self._rates.sent(wanted, dec_deg, self._side)
+        ends = now + timedelta(seconds=max(HELD_S, 3.0 * span_s))
+        ends = min(self._until + timedelta(seconds=BEYOND_S), ends)
+        try:
+            await mount.set_offset_rates(sent, ends_utc=ends, path=self._path)
+        except DeviceRefused as error:
+            self._require_wanted()
+            if error.reason is Refusal.UNTRUSTED or plan.instead is None:
+                raise
+            await self._fall_back(f"the mount refused the rates: {error.what}")
+            return 0.0
+        done = clock.utc()
+        at = now + 0.5 * (done - now)
+        self._order_s += 0.3 * ((done - now).total_seconds() - self._order_s)
+        first = not self._in_force
+        self._in_force = not sent.none
+        self._sent.append(OrderedRates(at, sent))
+        self._kept.append(OrderedRates(at, self._rates.kept(sent, dec_deg, self._side)))
+        self._renewed += 1
+        if self._leg_from is None and (not steady or catch.total_arcsec == 0.0):
+            self._leg_from = at
+        self._prune(at)
+        if first and not plan.fast:
+            return min(ALARM_AFTER_S, span_s)
+        return span_s
+
+    @property
+    def _steady(self) -> bool:
+        """Whether rates are to be judged before anything else is done by them."""
+        if self._verified:
+            return False
+        early = self._judgement is None or self._judgement.verdict == "too-early"
+        return not (early and len(self._leg) >= FIRST_LOOKS)
+
+    def _bounded(self, wanted: OffsetRates) -> OffsetRates:
+        most = self._mount.most_offset_arcsec_s
+        if most is None:
+            return wanted
+        return OffsetRates(
+            max(-most.ra_arcsec_s, min(most.ra_arcsec_s, wanted.ra_arcsec_s)),
+            max(-most.dec_arcsec_s, min(most.dec_arcsec_s, wanted.dec_arcsec_s)),
+        )
+
+    async def _read_on(self, plan: FollowPlan) -> None:
+        """What the mount's own readings show: where it is by a fast target, else whether all goes wrong."""
+        if not self._sent or not self._in_force:
+            return
+        since_s = (self._clock.utc() - self._sent[0].since_utc).total_seconds()
+        if not plan.fast and since_s > 4.0 * ALARM_AFTER_S:
+            return
+        reading = await self._mount.reading()
+        self._side = reading.side
+        believed = from_mount(reading.place)
+        seen = displaced(believed, -self._beside.east_arcsec, -self._beside.north_arcsec)
+        place = for_mount(seen, self._mount.epoch, reading.utc)
+        assert self._tube is not None
+        thought = self._tube.at(reading.utc, self._kept)
+        led_s = max((reading.utc - self._sent[0].since_utc).total_seconds(), 1e-3)
+        rates = self._sent[-1].rates
+        cosine = math.cos(math.radians(place.dec_deg))
+        speed = math.hypot(rates.ra_arcsec_s * cosine, rates.dec_arcsec_s)
+        wrong = separation_arcsec(from_mount(place), from_mount(thought))
+        if since_s >= 0.5 * ALARM_AFTER_S and wrong > ALARM_FACTOR * speed * led_s + ALARM_ARCSEC_S * led_s:
+            await self._alarm(place, reading.utc, wrong, led_s)
+            return
+        if plan.fast:
+            sigma = max(1.0, 0.5 * self._mount.resolution_arcsec, 0.02 * speed)
+            self._tube = self._tube.seen(place, reading.utc, sigma, self._kept)
+
+    async def _alarm(self, place: Apparent | Icrs, utc: datetime, wrong_arcsec: float, led_s: float) -> None:
+        """The mount says itself that it goes elsewhere: end that, and name what it is if that can be."""
+        begin, ordered = self._sent[0].since_utc, list(self._sent)
+        assert self._tube is not None
+        from_here = self._tube.at(begin, self._kept)
+        sigma = max(2.0, self._mount.resolution_arcsec)
+        if isinstance(from_here, Apparent):
+            from_here = replace(from_here, utc=begin)
+        judged = judge_rates(
+            ordered,
+            [RateLook(begin, from_here, sigma, self._side), RateLook(utc, place, sigma, self._side)],
+            doubts=self._rates.doubts,
+        )
+        words = (
+            f"the mount itself says that it is {wrong_arcsec:.0f}″ from where {led_s:.1f} s of its rates lead"
+        )
+        await self._mount.end_offset_rates()
+        self._in_force = False
+        self._note(f"{words}; {judged.words}")
+        self._alarms += 1
+        known = self._rates.correction
+        await self._judged(judged)
+        if self._alarms > 1 and self._by is FollowBy.RATES and self._rates.correction is known:
+            await self._fall_back(words)
+        await self._hop()
+
+    async def _pulse(self) -> float:
+        plan, mount = self.plan, self._mount
+        assert plan is not None
+        guide = mount.guide_rates_deg_s
+        assert guide is not None
+        now = self._clock.utc()
+        ahead = now + timedelta(seconds=0.5 * plan.renew_s)
+        off = self._off_at(ahead, self._path(min(ahead, self._until)))
+        dec_deg = for_mount(self._path(now), mount.epoch, now).dec_deg
+        cosine = max(0.01, math.cos(math.radians(dec_deg)))
+        ways = (
+            (Direction.EAST, Direction.WEST, off.east_arcsec / cosine, guide[0]),
+            (Direction.NORTH, Direction.SOUTH, off.north_arcsec, guide[1]),
+        )
+        for ahead_of, behind, off_arcsec, rate_deg_s in ways:
+            direction = ahead_of if off_arcsec < 0.0 else behind
+            seconds = min(abs(off_arcsec) / (3600.0 * rate_deg_s), 0.5 * plan.renew_s)
+            if seconds < SHORTEST_PULSE_S:
+                continue
+            began = self._clock.utc()
+            await mount.guide(direction, seconds)
+            self._renewed += 1
+            sign = 1.0 if direction in (Direction.EAST, Direction.NORTH) else -1.0
+            rate = sign * 3600.0 * rate_deg_s
+            primary = ahead_of is Direction.EAST
+            moved = OffsetRates(rate, 0.0) if primary else OffsetRates(0.0, rate)
+            self._kept += [
+                OrderedRates(began, moved),
+                OrderedRates(began + timedelta(seconds=seconds), STARS_RATES),
+            ]
+        self._prune(now)
+        return max(0.0, plan.renew_s - (self._clock.utc() - now).total_seconds())
+
+    async def _slew_on(self) -> float:
+        plan = self.plan
+        assert plan is not None
+        now = self._clock.utc()
+        if self._off_now(now).total_arcsec > 0.5 * self._tolerance:
+            # a little ahead of it, so that it passes
+            await self._hop(min(plan.renew_s, 0.4 * self._tolerance / max(plan.fastest_arcsec_s, 1e-6)))
+        return max(1.0, min(plan.renew_s, 0.5 * self._tolerance / max(plan.fastest_arcsec_s, 1e-6)))
+
+    async def _hop(self, ahead_s: float = 0.0) -> None:
+        """Slew back to the target, by how far beside the mount's belief the tube was seen to look.
+
+        Parameters
+        ----------
+        ahead_s : float
+            To where it will be so long after the slew.
+        """
+        pace = self._slewing.pace
+        ahead = self._clock.utc() + timedelta(seconds=pace.slew_s(60.0) + ahead_s)
+        place = self._path(min(ahead, self._until))
+        aim = displaced(place, self._beside.east_arcsec, self._beside.north_arcsec)
+        self._in_force = False
+        await self._slewing.slew(place, aim)
+        self._require_wanted()
+        self._renewed += 1
+        reading = await self._mount.reading()
+        self._side = reading.side
+        seen = displaced(from_mount(reading.place), -self._beside.east_arcsec, -self._beside.north_arcsec)
+        assert self._tube is not None
+        sigma = max(2.0, self._mount.resolution_arcsec)
+        self._tube = self._tube.moved_to(for_mount(seen, self._mount.epoch, reading.utc), reading.utc, sigma)
+        self._begin_leg()
+
+    def _begin_leg(self) -> None:
+        """What was seen before says nothing of the rates any more."""
+        self._sent, self._kept, self._leg, self._leg_from = [], [], [], None
+
+    def _prune(self, utc: datetime) -> None:
+        """Forget what was ordered long before the first look that counts."""
+        first = self._leg[0].utc if self._leg else utc - timedelta(seconds=300.0)
+        if self._tube is not None:
+            first = min(first, self._tube.utc)
+        for orders in (self._sent, self._kept):
+            while len(orders) > 2 and orders[1].since_utc < first:
+                orders.pop(0)
+
+    # -- where it is ---------------------------------------------------------------------------------
+
+    def _off_now(self, now: datetime) -> Offset:
+        return self._off_at(now, self._path(now))
+
+    def _off_at(self, utc: datetime, target: Icrs) -> Offset:
+        """How far the tube looks from the target, as far as is known."""
+        assert self._tube is not None
+        return offset_arcsec(from_mount(self._tube.at(utc, self._kept)), target)
+
+    # -- looking -------------------------------------------------------------------------------------
+
+    async def _look_on(self) -> None:
+        """Look, and judge, until the end."""
+        plan = self.plan
+        assert plan is not None
+        if plan.fast:
+            await self._until_the_end()
+            return
+        await self._pause_unwoken(CATCH_UP_S + ALARM_AFTER_S)
+        while True:
+            began_s = self._clock.monotonic_s()
+            exposure_s = self._exposure_s(plan)
+            left_s = (self._until - self._clock.utc()).total_seconds()
+            if left_s <= exposure_s + 1.0 or exposure_s < SHORTEST_LOOK_S:
+                await self._until_the_end()
+                return
+            if self._by is FollowBy.RATES:
+                found = await self._looked(exposure_s)
+            else:
+                # neither pulses nor slews while it is exposed
+                async with self._hand:
+                    found = await self._looked(exposure_s)
+            if found is not None:
+                await self._took(found)
+            judged = self._judgement is not None and self._judgement.verdict == "right"
+            soon = self._looks < FIRST_LOOKS and not judged
+            every_s = min(self._look_every_s, 15.0) if soon else self._look_every_s
+            spent_s = self._clock.monotonic_s() - began_s
+            await self._pause_unwoken(
+                min(max(0.0, every_s - spent_s), (self._until - self._clock.utc()).total_seconds())
+            )
+
+    def _exposure_s(self, plan: FollowPlan) -> float:
+        """As long as stars are not drawn out too far."""
+        normal = self._equipment.guard.learned.normal
+        scale = self._policy.scale_arcsec_px if normal is None else normal.scale_arcsec_px
+        if scale is None or plan.fastest_arcsec_s <= 0.0:
+            return self._policy.exposure_s
+        return min(self._policy.exposure_s, MOST_TRAIL_PX * scale / plan.fastest_arcsec_s)
+
+    async def _looked(self, exposure_s: float) -> Look | None:
+        """One look; None if it can't be used, which is told and does no harm."""
+        plan = self.plan
+        speed = 0.0 if plan is None else plan.fastest_arcsec_s
+        shot = LookOptions(
+            exposure_s,
+            self._policy.search_radius_deg,
+            used="following",
+            teaches=False,
+            following_arcsec=2.0 * (speed + MOST_CATCH_UP_ARCSEC_S) * (exposure_s + 5.0),
+        )
+        try:
+            taken = await expose_and_solve(self._equipment, self._policy, shot)
+        except (BadFrame, MountMoved, SolveFailed, SyncRefused) as error:
+            self._miss(error.what)
+            return None
+        if taken.look is None:
+            self._miss(taken.verdict.detail or str(taken.verdict.reason))
+            return None
+        return taken.look
+
+    def _miss(self, why: str) -> None:
+        self._unsolved += 1
+        self._missed += 1
+        if self._missed in (1, MISSES):
+            self._note(f"{self._missed} look(s) in a row could not be used: {why}")
+        self._tell("following", f"a look could not be used: {why}")
+
+    async def _took(self, found: Look) -> None:
+        """What a look shows: how far off it is, and at which rates the mount went."""
+        mount, utc = self._mount, found.mid_exposure_utc
+        self._missed = 0
+        sigma = found.solution.center_sigma_arcsec
+        off = offset_arcsec(found.seen, self._path(min(utc, self._until)))
+        far = max(HOP_ARCSEC, HOP_TOLERANCES * self._tolerance)
+        async with self._hand:
+            self._require_wanted()
+            if self._kept and utc < self._kept[0].since_utc and self._sent:
+                return  # exposed before the last slew
+            self._looks += 1
+            self._off = (off.total_arcsec, sigma)
+            if self._looks > 1:
+                self._offs.append(off.total_arcsec)
+            self._side = found.after.side
+            self._beside = offset_arcsec(found.believed, found.seen)
+            place = for_mount(found.seen, mount.epoch, utc)
+            assert self._tube is not None
+            if self._steady:
+                self._tube = TubeEstimate.of(place, utc, max(sigma, 0.05))
+            else:
+                self._tube = self._tube.seen(place, utc, max(sigma, 0.05), self._kept)
+            words = f"{off.total_arcsec:.1f}″ off"
+            begun = utc - timedelta(seconds=0.5 * (found.exposure_s or self._policy.exposure_s))
+            if self._by is FollowBy.RATES and self._leg_from is not None and begun >= self._leg_from:
+                words = await self._judge(found, place, sigma, words)
+            self._tell("following", words, found)
+            if self._may_hop(off.total_arcsec, far):
+                self._note(f"{off.total_arcsec:.0f}″ off: slewed back to the target")
+                await self._hop()
+        self._wake.set()
+
+    def _may_hop(self, off_arcsec: float, far_arcsec: float) -> bool:
+        """Whether to slew back: not while the rates are still to be judged by the looks that follow."""
+        left_s = (self._until - self._clock.utc()).total_seconds()
+        if off_arcsec <= far_arcsec or self._by is FollowBy.SLEWS or left_s < 2.0 * WAIT_AHEAD_S:
+            return False
+        known = self._judgement is not None and self._judgement.verdict == "right"
+        return self._by is not FollowBy.RATES or known or off_arcsec > 10.0 * far_arcsec
+
+    async def _judge(self, found: Look, place: Apparent | Icrs, sigma: float, words: str) -> str:
+        solution = found.solution
+        trail = trail_of(
+            found.verdict.quality,
+            scale_arcsec_px=solution.scale_arcsec_px,
+            rotation_deg=solution.rotation_deg,
+            parity=solution.parity,
+            exposure_s=found.exposure_s or self._policy.exposure_s,
+        )
+        if self._leg and self._leg_side is not self._side:
+            # it changed sides while it tracked: from here on it may keep other rates
+            self._leg = []
+        self._leg_side = self._side
+        # wind and optics draw stars out, too: a trail speaks where there are no two centers yet, and moves
+        # nothing
+        self._leg.append(
+            RateLook(found.mid_exposure_utc, place, sigma, self._side, None if self._leg else trail)
+        )
+        del self._leg[:-LEG_LOOKS]
+        # held against what the mount makes of what it was sent, by the correction in force
+        judged = judge_rates(
+            self._kept,
+            self._leg_looks(),
+            doubts=self._rates.doubts,
+            kept_before=self._kept_before,
+            since="begin",
+        )
+        await self._judged(judged)
+        return f"{words}; {judged.words}"
+
+    def _leg_looks(self) -> list[RateLook]:
+        """The looks that count; with their trails as long as there are no two."""
+        return self._leg if len(self._leg) == 1 else [replace(one, trail=None) for one in self._leg]
+
+    async def _judged(self, judged: RatesJudgement) -> None:
+        """Do what a judgement asks for."""
+        self._judgement = judged
+        rates, plan = self._rates, self.plan
+        assert plan is not None
+        if judged.verdict == "right":
+            self._kept_before = self._verified = True
+            if rates.correction is None:
+                rates.words = f"seen to keep its rates: {judged.words}"
+            elif not rates.confirmed and len(self._leg) >= ENOUGH_TO_CONFIRM:
+                self._fault = rates.correction.fault
+                self._note(f"confirmed: {rates.correction.words}")
+                await self._learned(rates.confirm)
+            return
+        if judged.verdict == "too-early" or judged.measured is None:
+            return
+        if rates.correction is not None and rates.correction.holds(self._side):
+            was = rates.correction.words
+            self._note(f"the correction is withdrawn, looks contradict it: {judged.words}")
+            await self._learned(lambda: rates.withdraw(f"withdrawn ({was}): {judged.words}"))
+            # what it made of the numbers that it was sent tells more than what was to come out
+            self._kept = list(self._sent)
+            raw = judge_rates(self._sent, self._leg_looks(), doubts=rates.doubts)
+            if raw.verdict in ("right", "fault") and raw.measured is not None:
+                await self._judged(raw)
+            if raw.verdict != "right" and self._by is FollowBy.RATES:
+                self._begin_anew()
+            return
+        if judged.verdict == "fault":
+            self._fault = judged.fault
+            self._note(judged.words)
+            if judged.correction is not None:
+                correction = judged.correction
+                await self._learned(lambda: rates.try_on(correction))
+                self._begin_anew()
+                return
+            if judged.fault in (RateFault.FORGOTTEN, RateFault.LOST_AT_FLIP):
+                self._begin_anew()
+                return
+            await self._fall_back(judged.words)
+            return
+        self._wrong += 1
+        if judged.trial is not None and not self._tried:
+            self._tried = True
+            trial = judged.trial
+            self._note(f"{judged.words}; to tell, it is tried whether {trial.words}")
+            await self._learned(lambda: rates.try_on(trial))
+            self._begin_anew()
+            return
+        if self._wrong >= (AMBIGUOUS_LOOKS if judged.verdict == "ambiguous" else ENOUGH_TO_CONFIRM):
+            if judged.fault is not None:
+                self._fault = judged.fault
+            self._note(judged.words)
+            await self._fall_back(judged.words)
+
+    def _begin_anew(self) -> None:
+        """Rates are ordered otherwise from now on: the looks before say nothing of them."""
+        self._leg, self._leg_from, self._verified = [], None, False
+        self._wake.set()
+
+    async def _learned(self, change: Callable[[], None]) -> None:
+        """Change what is known of the mount's rates, and write it down."""
+        was = self._rates.as_dict()
+        change()
+        now = self._rates.as_dict()
+        if now != was:
+            facts = {RATES_KEPT: now}
+            self._equipment.listen("rates-learned", dict(now))
+            await self._equipment.note(EntryKind.LEARNED, self._rates.words, facts)
+
+    async def _fall_back(self, why: str) -> None:
+        """Follow by other means: the mount doesn't keep rates, and no order would make that good.
+
+        Raises
+        ------
+        TargetNotReached
+            There are none.
+        """
+        plan = self.plan
+        assert plan is not None
+        if self._mount.offset_rates_in_force is not None:
+            await self._mount.end_offset_rates()
+            self._kept.append(OrderedRates(self._clock.utc(), STARS_RATES))
+        self._in_force = False
+        if plan.instead is None:
+            raise TargetNotReached(
+                f"{self._target.name} can't be followed: {why}",
+                device=self._equipment.name,
+                advice="the mount follows the stars again; look at what its driver makes of rates",
+                reason=NotReached.OTHER,
+            )
+        self._by = plan.instead
+        last = plan.instead is FollowBy.SLEWS
+        self.plan = replace(
+            plan, by=plan.instead, instead=None if last else FollowBy.SLEWS, renew_s=PULSE_EVERY_S
+        )
+        self._leg = []
+        self._note(f"followed by {self._by} from here on: {why}")
+        self._wake.set()
+
+    # -- small things --------------------------------------------------------------------------------
+
+    def _require_wanted(self) -> None:
+        if self._stopped:
+            raise Cancelled(
+                "following was stopped", device=self._mount.name, advice="order it again when it is safe"
+            )
+
+    async def _until_the_end(self) -> None:
+        while (left_s := (self._until - self._clock.utc()).total_seconds()) > 0.0:
+            await self._clock.sleep(left_s)
+
+    async def _pause_unwoken(self, seconds: float) -> None:
+        if seconds > 0.0:
+            await self._clock.sleep(seconds)
+        self._require_wanted()
+
+    async def _pause(self, seconds: float) -> None:
+        """Wait so long, or until something is new."""
+        if seconds <= 0.0:
+            return
+        waiting = [waited_for(self._clock.sleep(seconds)), waited_for(self._wake.wait())]
+        try:
+            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in waiting:
+                task.cancel()
+            await asyncio.gather(*waiting, return_exceptions=True)
+
+    def _note(self, words: str) -> None:
+        if words not in self.notes:
+            self.notes.append(words)
+            self._equipment.note_now(EntryKind.DECISION, words, {"target": self._target.name})
+
+    def _tell(self, phase: str, words: str, looked: Look | None = None) -> None:
+        now = self._clock.utc()
+        event = next((one for one in self._events if one.utc > now), None)
+        off, sigma = self._off if self._off is not None else (None, None)
+        progress = FollowProgress(
+            utc=now,
+            phase=phase,
+            by=self._by,
+            off_arcsec=off,
+            off_sigma_arcsec=sigma,
+            judgement=self._judgement,
+            ordered=self._kept[-1].rates if self._kept else None,
+            sent=self._sent[-1].rates if self._sent else None,
+            left_s=max(0.0, (self._until - now).total_seconds()),
+            next_event="" if event is None else event.words,
+            words=words,
+        )
+        self._equipment.listen("following", progress_facts(progress))
+        if looked is not None and self._looks <= MOST_TOLD:
+            facts = {"kind": "follow-look", "number": self._looks, **progress_facts(progress)}
+            facts |= {"look_id": looked.look_id, "mid_exposure_utc": looked.mid_exposure_utc.isoformat()}
+            self._equipment.listen("attempt", facts)
+        if self._heard is not None:
+            self._heard(progress)
+
+    def _report(self, began: datetime, centered: CenterReport | None, elapsed_s: float) -> FollowReport:
+        plan = self.plan
+        assert plan is not None
+        offs, correction = self._offs, self._rates.correction
+        return FollowReport(
+            end=self._end,
+            target_name=self._target.name,
+            began_utc=began,
+            ended_utc=self._clock.utc(),
+            plan=plan,
+            by=self._by,
+            centered=centered,
+            looks=self._looks,
+            unsolved=self._unsolved,
+            worst_arcsec=max(offs) if offs else None,
+            rms_arcsec=math.sqrt(sum(one**2 for one in offs) / len(offs)) if offs else None,
+            last_arcsec=offs[-1] if offs else None,
+            within=sum(one <= self._tolerance for one in offs),
+            tolerance_arcsec=self._tolerance,
+            renewed=self._renewed,
+            judgement=self._judgement,
+            fault=self._fault,
+            correction="" if correction is None else correction.words,
+            events=self._events,
+            notes=tuple(self.notes),
+            elapsed_s=elapsed_s,
+        )
