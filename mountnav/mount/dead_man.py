@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal, Protocol
 
+from mountnav.errors import DeviceError
 from mountnav.journal.records import CommandEnd, CommandRecord, Outcome
 
 SelfActing = Literal["offset-rates", "move-axis"]
@@ -149,7 +151,8 @@ class Armed:
         if self._until.pop(what, None) is None:
             return
         if self._until:
-            self._guard.arm(max(self._until.values()), self._until)
+            with suppress(DeviceError):  # it was armed for both
+                self._guard.arm(max(self._until.values()), self._until)
         else:
             self._guard.disarm()
 

@@ -27,7 +27,7 @@ from mountnav.devices import (
     TrackingRate,
     skills_of,
 )
-from mountnav.errors import Busy, DeviceError, MountnavError
+from mountnav.errors import Busy, MountnavError
 from mountnav.journal.records import CommandRecord, EntryKind, Journal, Order, Outcome, Unwritten, because
 from mountnav.mount.dead_man import Armed, Deadman, LeftGoing, NoGuard, SelfActing
 from mountnav.mount.following_policy import FollowingPolicy, OnLoss
@@ -593,8 +593,9 @@ class CheckedMount:
         if on:
             await self._rates.before("track")
         else:
+            self._rates.rests = True
             # it may be to stop at a limit: what can't be ended is tried on meanwhile
-            with suppress(DeviceError):
+            with suppress(MountnavError):
                 await self._rates.end("its tracking is switched off")
         await self._brief.give("track", lambda mount: mount.set_tracking(on, rate), facts=facts, follows=on)
         if on:
@@ -737,6 +738,7 @@ class CheckedMount:
 
     async def _stop_and_rest(self, why: str) -> None:
         """Stop it, and end its tracking: what goes on by itself moves nothing then."""
+        self._rates.rests = True
         with because(why=why):
             await self.stop()
             await self._tracking_off(why)

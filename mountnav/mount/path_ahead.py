@@ -75,7 +75,7 @@ class PathAhead:
         # == : a method is made anew each time it is asked for
         known = before is not None and path is not None and before.path == path
         self._far: dict[PierSide | None, _Far] = dict(before._far) if known and before is not None else {}
-        self._assumed = None if before is None else before._assumed
+        self._assumed: PierSide | None = None if before is None else before._assumed
         self._star: Icrs | None = None
         """Where it tracks as for a star after the end, by the path."""
 

@@ -504,6 +504,51 @@ def test_a_stop_leaves_a_mount_at_rest_that_rested_after_it() -> None:
     run_following(work)
 
 
+def test_rates_that_end_late_do_not_have_a_mount_track_that_was_told_to_rest() -> None:
+    async def work(rig: FollowingRig) -> None:
+        await follow(rig)
+        end = rig.following.set_offset_rates
+
+        async def begins_to_track(rates: OffsetRates) -> None:
+            await end(rates)
+            rig.mechanics.tracking = True
+
+        rig.following.set_offset_rates = begins_to_track  # type: ignore[method-assign]
+        rig.following.fails.add("end-rates")
+        await rig.mount.set_tracking(False)
+        assert not rig.mechanics.tracking
+        rig.following.fails.clear()
+        await rig.clock.sleep(10.0)
+        assert rig.following.ordered[-1] == ("rates", 0.0, 0.0)
+        assert not rig.mechanics.tracking
+
+    run_following(work)
+
+
+def test_rates_that_were_checked_before_a_slew_are_not_sent_after_it() -> None:
+    async def work(rig: FollowingRig) -> None:
+        await rig.mount.slew(rig.place(-20.0, 20.0))
+        now = rig.mechanics.truth()
+        asked = asyncio.Event()
+
+        def slowly(utc: datetime) -> Icrs:
+            asked.set()
+            return now
+
+        order = asyncio.ensure_future(
+            rig.mount.set_offset_rates(COMET, ends_utc=ends(rig, 40_000.0), path=slowly)
+        )
+        await asked.wait()
+        # the path is looked at in a thread
+        slew = asyncio.ensure_future(rig.mount.slew(rig.place(-10.0, 20.0)))
+        came, _ = await asyncio.gather(order, slew, return_exceptions=True)
+        if rig.mount.offset_rates_in_force is None:
+            assert came is None or isinstance(came, Busy | OutsideLimits)
+        assert rig.mechanics.beside_arcsec_s == (0.0, 0.0)
+
+    run_following(work)
+
+
 # -- limits ----------------------------------------------------------------------------------------
 
 

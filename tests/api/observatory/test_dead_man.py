@@ -344,6 +344,34 @@ def test_none_of_many_outlive_a_service_that_is_killed_at_any_moment(
     print(f"ended after {max(took):.2f} s at most")
 
 
+@pytest.mark.long
+def test_the_fake_mount_of_the_command_line_is_left_at_the_sidereal_rate(tmp_path: Path) -> None:
+    link = tmp_path / "port"
+    fake = subprocess.Popen(
+        [sys.executable, "-m", "api.main", "fake-mount", "--dialect", "onstep", "--link", str(link)],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert fake.stdout is not None
+    place = None
+    try:
+        device = fake.stdout.readline().strip()
+        place = placed(tmp_path, TrueMount(device, fake))
+        service = place.serve()
+        service.says("in force")
+        service.kill()
+        until(place.reports)
+        assert place.reports()[0]["outcome"].startswith("ended")
+        until(lambda: not place.guards())
+        assert asyncio.run(_rates_of(device)) == OffsetRates(0.0, 0.0)
+    finally:
+        for service in [] if place is None else place.served:
+            service.kill()
+        fake.terminate()
+        fake.wait()
+        fake.stdout.close()
+
+
 # -- the guard alone -------------------------------------------------------------------------------
 
 

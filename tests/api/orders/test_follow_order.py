@@ -10,12 +10,16 @@ from pydantic import TypeAdapter, ValidationError
 
 from api.access.callers import Caller, Face, Role
 from api.orders.job import Job, JobState
-from api.orders.job_views import job_view
+from api.orders.job_views import job_view, result_view
 from api.orders.results import FollowLookView, FollowView
 from api.orders.targets import NamedTarget, RatesTarget
 from api.orders.vocabulary import FollowBody, FollowOrder, Order
 from mountnav.clock import utc_now
+from mountnav.ephemeris import SkyRatesTarget
+from mountnav.navigation.follow import FollowReport
 from tests.api.all_faces.attacked_service import OBSERVATORY, Standing, standing, until, up_now
+from tests.navigation.rated_mount import RatedMount
+from tests.navigation.virtual_rig import VirtualRig, in_virtual_time
 
 BOSS = Caller("tests", Role.CONFIGURE, Face.REST)
 ORDERS: TypeAdapter[Order] = TypeAdapter(Order)
@@ -76,29 +80,45 @@ def test_the_short_body_makes_the_same_order() -> None:
     )
 
 
+def test_how_it_ended_is_shown_and_read_again_as_it_was_written() -> None:
+    told: list[dict[str, object]] = []
+
+    async def work(rig: VirtualRig) -> FollowReport:
+        begins = rig.clock.utc()
+        target = SkyRatesTarget(rig.up(-30.0, 30.0), 1.0, 0.5, begins, begins + timedelta(hours=1), "a mover")
+        report = await rig.navigator.follow(target, until_utc=begins + timedelta(minutes=8))
+        told.extend(facts for kind, facts in rig.events if kind == "attempt" and "kind" in facts)
+        return report
+
+    report = in_virtual_time(work, made=RatedMount)
+    job = Job("job-1", "follow", "east", {"kind": "follow"}, utc_now(), result=report)
+    job.attempts.extend(told)
+    view = job_view(job)
+    assert isinstance(view.result, FollowView)
+    assert view.result.outcome == "time"
+    assert view.result.by == "rates"
+    assert view.result.looks == report.looks >= 4
+    looks = [one for one in view.attempts if isinstance(one, FollowLookView)]
+    assert len(looks) == report.looks
+    assert looks[-1].verdict == "right"
+    assert looks[-1].seen_dec_arcsec_s == pytest.approx(0.5, abs=0.05)
+    again = result_view(view.result.model_dump(mode="json"), epoch=None, utc=None)
+    assert again == view.result
+
+
 @pytest.mark.long
-async def test_a_target_is_followed_to_the_end_and_its_looks_are_kept() -> None:
+async def test_looks_are_told_while_a_target_is_followed() -> None:
     async with standing(WIDE) as stand, httpx.AsyncClient(base_url=f"http://127.0.0.1:{stand.port}") as http:
-        job = await following(stand, duration_s=120.0)
-        await job.ended.wait()
-        assert job.state is JobState.SUCCEEDED, job.problem
-        view = job_view(job)
-        result = view.result
-        assert isinstance(result, FollowView)
-        assert result.outcome == "time"
-        assert result.by == "rates"
-        assert result.looks >= 2
-        looks = [one for one in view.attempts if isinstance(one, FollowLookView)]
-        assert looks
-        assert looks[-1].off_arcsec is not None
-        assert looks[-1].off_arcsec < 30.0
-        assert stand.mechanics.beside_arcsec_s == (0.0, 0.0)
-        shown = (await http.get("/v1/telescopes/east")).json()
-        assert "rates" in shown["rates_kept"]
-        # as it is written down, so it is read again
-        again = (await http.get(f"/v1/jobs/{job.id}")).json()
-        assert again["result"]["kind"] == "follow"
-        assert again["request"]["kind"] == "follow"
+        job = await following(stand)
+        await until(
+            lambda: job.is_over or sum("mid_exposure_utc" in one for one in job.attempts) >= 2, "two looks"
+        )
+        assert not job.is_over, job.problem
+        shown = (await http.get(f"/v1/jobs/{job.id}")).json()
+        looks = [one for one in shown["attempts"] if one["kind"] == "follow-look"]
+        assert looks[0]["off_arcsec"] < 60.0
+        assert looks[0]["by"] == "rates"
+        assert "rates" in (await http.get("/v1/telescopes/east")).json()["rates_kept"]
 
 
 @pytest.mark.long
