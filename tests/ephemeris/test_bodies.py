@@ -14,6 +14,7 @@ from mountnav.ephemeris import SolarSystemBody, sky_rates
 from mountnav.errors import BadRequest
 from mountnav.sky import kernel, planets
 from mountnav.sky.coordinates import Icrs
+from mountnav.sky.jupiter_moons import MOONS, SIGMA_ARCSEC, from_barycenter_km
 from mountnav.sky.kernel import SHIPPED_PATH, Kernel, use_kernels
 from mountnav.sky.planets import BODIES, position_of_body, sigma_of_body_arcsec
 from mountnav.sky.sphere import separation_arcsec
@@ -84,7 +85,7 @@ def test_an_unknown_body_is_refused() -> None:
         SolarSystemBody("vulcan")
     # its name is known, and nothing here has it
     with pytest.raises(BadRequest, match=r"import one that has: mountnav ephemeris import FILE\.bsp"):
-        SolarSystemBody("io").icrs(datetime(2026, 3, 1, tzinfo=UTC), SITE)
+        SolarSystemBody("titan").icrs(datetime(2026, 3, 1, tzinfo=UTC), SITE)
 
 
 def test_an_imported_file_goes_before_the_shipped_one(tmp_path: Path) -> None:
@@ -139,9 +140,25 @@ def test_an_imported_file_has_the_satellites_of_jupiter(tmp_path: Path) -> None:
             assert SolarSystemBody(name).sigma_arcsec(utc) <= 0.02
         # the planet itself is in it too, beside its system's barycenter
         assert sigma_of_body_arcsec("jupiter", utc) < before
-        with pytest.raises(BadRequest, match="no ephemeris here has Io"):
-            SolarSystemBody("io").icrs(utc + timedelta(days=5), SITE)
+        with pytest.raises(BadRequest, match="no ephemeris here has Thebe"):
+            SolarSystemBody("thebe").icrs(utc + timedelta(days=5), SITE)
     finally:
         use_kernels(())
         loaded.close()
         planets_by.close()
+
+
+@pytest.mark.parametrize("name", MOONS)
+def test_the_moons_of_jupiter_without_an_import_are_where_jpl_has_them(name: str) -> None:
+    table = Kernel(Path(__file__).parent / "data" / "jup310_two_days.bsp")
+    way = next(one for one in table.segments if one.target == kernel.NAIF_IDS[name])
+    for jd in (2457084.1, 2457084.6, 2457085.3):
+        off_km = float(np.linalg.norm(from_barycenter_km(name, jd) - way.state(jd, 0.0)[0]))
+        # at opposition, 4.2 au away
+        assert off_km / (4.2 * 149_597_870.7) * 206_265.0 < 1.1 * SIGMA_ARCSEC[name]
+    utc = datetime(2026, 11, 26, 3, tzinfo=UTC)
+    apart = separation_arcsec(position_of_body(name, utc, SITE), position_of_body("jupiter", utc, SITE))
+    assert 1.0 < apart < 660.0
+    assert sigma_of_body_arcsec(name, utc) == SIGMA_ARCSEC[name]
+    with pytest.raises(BadRequest, match=f"no ephemeris here has {name.capitalize()}"):
+        position_of_body(name, datetime(2060, 1, 1, tzinfo=UTC), SITE)

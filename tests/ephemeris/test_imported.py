@@ -235,3 +235,13 @@ def test_whoever_is_killed_in_an_import_leaves_the_old_one(folder: Path, tmp_pat
     # and the next import isn't held up by it, and clears what it left
     assert import_file(written(tmp_path / "mine.dat", CERES_2025), folder).objects == 1
     assert sorted(path.name for path in folder.iterdir()) == [".lock", "mine.mne"]
+
+
+def test_a_moon_and_a_minor_planet_of_one_name_are_told_apart(folder: Path, tmp_path: Path) -> None:
+    assert found_of_name("Europa") == SolarSystemBody("europa")
+    europa = CERES_2025[:166] + "(52) Europa".ljust(28) + "20260103"
+    import_file(written(tmp_path / "a.dat", europa), folder)
+    with pytest.raises(BadRequest, match=r"Europa \(which is also Jupiter II\), 52 Europa"):
+        found_of_name("Europa")
+    assert found_of_name("Jupiter II") == SolarSystemBody("europa")
+    assert found_of_name("52 Europa").name == "52 Europa"
