@@ -1,10 +1,9 @@
-"""A mount without a wire that takes rates beside the sidereal one, as wrongly as its mechanics do."""
+"""A mount without a wire whose orders of rates are written down; and one that takes few of them, or none."""
 
 from __future__ import annotations
 
 from drivers.simulated.mount import SimulatedMount
 from mountnav.devices import OffsetRates, Skill
-from mountnav.simulation.mechanics import Mechanics
 
 
 class RatedMount(SimulatedMount):
@@ -13,7 +12,7 @@ class RatedMount(SimulatedMount):
     Attributes
     ----------
     most : OffsetRates or None
-        The largest that it takes.
+        The largest that it takes; None: as its behavior says.
     ordered : list of OffsetRates
         All that it was sent.
     """
@@ -27,25 +26,15 @@ class RatedMount(SimulatedMount):
 
     @property
     def skills(self) -> frozenset[Skill]:
-        """With rates."""
-        return super().skills | ({Skill.OFFSET_RATES} if self.takes else set())
+        """With rates, or without."""
+        return super().skills if self.takes else super().skills - {Skill.OFFSET_RATES}
 
     @property
     def most_offset_arcsec_s(self) -> OffsetRates | None:
         """As set."""
-        return self.most
+        return super().most_offset_arcsec_s if self.most is None else self.most
 
     async def set_offset_rates(self, rates: OffsetRates) -> None:
-        """Take them."""
-        await self._order("rates", lambda: self.mechanics.track_beside(rates.ra_arcsec_s, rates.dec_arcsec_s))
+        """Take them, and write them down."""
+        await super().set_offset_rates(rates)
         self.ordered.append(rates)
-
-    async def offset_rates(self) -> OffsetRates | None:
-        """As its mechanics say."""
-        await self.cable.ask()
-        return OffsetRates(*self.mechanics.beside_arcsec_s)
-
-
-def truly_beside(mechanics: Mechanics) -> tuple[float, float]:
-    """Rates of the axes beside the sidereal one, as they are."""
-    return mechanics.beside_arcsec_s
