@@ -282,8 +282,8 @@ class MoveAxisOrder(OrderBody):
         default=None,
         min_length=1,
         max_length=64,
-        description="Goes into this job alone, the one that the first order of a motion began: refused once it "
-        "has ended, so that an order that comes late moves nothing",
+        description="Goes into this job alone, the one that the first order of a motion began: refused once "
+        "that has ended, so that an order that comes late moves nothing",
     )
 
 
@@ -622,8 +622,8 @@ class MoveAxisBody(ShortBody):
         default=None,
         min_length=1,
         max_length=64,
-        description="Goes into this job alone, the one that the first order of a motion began: refused once it "
-        "has ended, so that an order that comes late moves nothing",
+        description="Goes into this job alone, the one that the first order of a motion began: refused once "
+        "that has ended, so that an order that comes late moves nothing",
     )
 
 
