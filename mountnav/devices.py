@@ -583,6 +583,14 @@ def miss_arcsec(
     return _apart_arcsec(_turned(place, told_utc, after, rates), after.place)
 
 
+def rates_of(mount: object) -> tuple[OffsetRates, ...]:
+    """The rates at which a mount moves by itself while it is read, as far as anybody knows of any."""
+    known: OffsetRates | None = getattr(mount, "rates_known", None)
+    if known is None:
+        known = getattr(getattr(mount, "offset_rates_in_force", None), "rates", None)
+    return () if known is None or known.none else (known,)
+
+
 def moved_on(place: Apparent | Icrs, rates: OffsetRates, seconds: float) -> Apparent | Icrs:
     """Where a mount that was at `place` is after some time, tracking at rates beside the sidereal one.
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from types import SimpleNamespace
 
 import pytest
 
 from mountnav.devices import (
+    STARS_RATES,
     MountReading,
+    OffsetRates,
     PierSide,
     SyncLaw,
     SyncOutcome,
@@ -16,6 +19,9 @@ from mountnav.devices import (
     from_mount,
     miss_arcsec,
     moved_arcsec,
+    moved_on,
+    offset_speed_arcsec_s,
+    rates_of,
 )
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
@@ -73,6 +79,44 @@ def test_the_turn_of_the_sky_is_no_motion_of_a_mount_that_rests() -> None:
     assert separation_arcsec(resting.place, Icrs(80.0, 20.0)) > 800.0  # type: ignore[type-var]
     assert moved_arcsec(BEFORE, resting) < 0.1
     assert moved_arcsec(BEFORE, replace(BEFORE, utc=resting.utc)) == 0.0
+
+
+COMET = OffsetRates(12.0, -20.0)
+
+
+def test_the_way_of_offset_rates_is_no_motion_and_no_miss() -> None:
+    after = replace(BEFORE, place=moved_on(BEFORE.place, COMET, 5.0), utc=NOW + timedelta(seconds=5.0))
+    assert moved_arcsec(BEFORE, after) > 90.0
+    assert moved_arcsec(BEFORE, after, [COMET]) < 0.01
+    assert miss_arcsec(BEFORE.place, NOW, after, [COMET]) < 0.01
+    law = SyncLaw.of(600.0, 1.0, 30.0)
+    assert law.unseen(BEFORE, after) is SyncOutcome.ELSEWHERE
+    assert law.unseen(BEFORE, after, [COMET]) is SyncOutcome.IGNORED
+    # and what is off that way counts as it always does
+    off = replace(after, place=replace(after.place, dec_deg=after.place.dec_deg + 0.1))
+    assert moved_arcsec(BEFORE, off, [COMET]) == pytest.approx(260.0, abs=5.0)
+    assert law.outcome(400.0, BEFORE, off, [COMET]) is SyncOutcome.ELSEWHERE
+
+
+def test_one_at_rates_moves_as_they_say() -> None:
+    assert moved_on(Icrs(359.9999, 10.0), OffsetRates(3.6, 7.2), 1000.0) == Icrs(
+        pytest.approx(0.9999), pytest.approx(12.0)
+    )
+    assert moved_on(Icrs(10.0, 89.9), OffsetRates(0.0, 3600.0), 1.0).dec_deg == 90.0
+    assert offset_speed_arcsec_s(OffsetRates(10.0, 0.0), 60.0) == pytest.approx(5.0)
+    assert offset_speed_arcsec_s(OffsetRates(0.0, -4.0), 60.0) == pytest.approx(4.0)
+
+
+def test_what_is_known_of_its_rates() -> None:
+    class Driver:
+        rates_known: OffsetRates | None = COMET
+
+    class Checked:
+        offset_rates_in_force = SimpleNamespace(rates=COMET)
+
+    assert rates_of(Driver()) == rates_of(Checked()) == (COMET,)
+    Driver.rates_known = STARS_RATES
+    assert rates_of(Driver()) == rates_of(object()) == ()
 
 
 def test_a_reading_without_a_side_is_of_an_unknown_one() -> None:

@@ -39,7 +39,7 @@ class BenchOptions:
     longitude: Annotated[float, typer.Option(min=-180, max=180, help="Degrees, east positive.")]
     step: Annotated[
         list[str] | None,
-        typer.Option(help="Only read, move, stop, sync, track, guide, limit, flip, park; repeatable."),
+        typer.Option(help="Only read, move, stop, sync, track, guide, rates, move-axis, limit, flip, park; repeatable."),
     ] = None
     yes: Annotated[bool, typer.Option("--yes", help="Don't ask before each step. It moves!")] = False
     compare: Annotated[

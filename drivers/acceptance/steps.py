@@ -13,6 +13,7 @@ import time
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 
+from drivers.acceptance.moving import axes, rates
 from drivers.acceptance.report import Capabilities, Finding, StepResult
 from drivers.acceptance.trial import REFUSED, Trial, halt
 from drivers.generic.comparison import CLOCK_TOLERANCE_S, SITE_TOLERANCE_ARCSEC
@@ -401,6 +402,8 @@ STEPS: tuple[Step, ...] = (
     Step("sync", "sync it 10 arcminutes off and back; nothing moves", False, sync),
     Step("track", "watch it track, switch tracking off and on", True, tracking),
     Step("guide", "send guide pulses of a second or some in each direction", True, guiding),
+    Step("rates", "track at 10 arcsec/s beside the stars, on each axis and on both", True, rates),
+    Step("move-axis", "move each axis by a degree or less as a hand control does, both ways", True, axes),
     Step("limit", "ask for a place below the horizon; if it sets out, it is stopped", True, limits),
     Step("flip", "go 20° east and 20° west of the meridian: it may flip", True, flip),
     Step("park", "park it, ask for a slew while parked, and unpark it", True, parking),

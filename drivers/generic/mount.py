@@ -466,10 +466,12 @@ class GenericMount:
             return outcome
 
     async def set_tracking(self, on: bool, rate: TrackingRate = TrackingRate.SIDEREAL) -> None:
-        """Track the sky, or rest; return when the mount reports so.
+        """Track the sky, or rest; return when the mount reports so. Offset rates end with it.
 
         Raises
         ------
+        BadRequest
+            If the rate is the custom one, and the mount takes offset rates.
         DeviceRefused
             If it can't, refuses, or accepts and does otherwise.
         RefusedButDone
@@ -479,6 +481,12 @@ class GenericMount:
             self._require_skill(Skill.TRACK)
         if rate is not TrackingRate.SIDEREAL:
             self._require_skill(Skill.TRACKING_RATES)
+        if rate is TrackingRate.CUSTOM and Skill.OFFSET_RATES in self.skills:
+            raise BadRequest(
+                "the custom rate says nothing of how fast that is",
+                device=self._name,
+                advice="order offset rates, with their numbers",
+            )
 
         self._session.require_no_job()
         await self._session.ready()

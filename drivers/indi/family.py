@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
 from drivers.family import Family, MountUrl, UrlParts
+from mountnav.errors import BadSettings
 
 if TYPE_CHECKING:
     from drivers.generic.camera import GenericCamera
@@ -16,7 +17,18 @@ if TYPE_CHECKING:
 
 PORT = 7624
 """What `indiserver` listens on if nothing else is said."""
-_MOUNT_OPTIONS = ("connect", "resolution_arcsec", "connect_s", "server_silent_s")
+_MOUNT_OPTIONS = (
+    "connect",
+    "resolution_arcsec",
+    "connect_s",
+    "server_silent_s",
+    "rate_step_arcsec_s",
+    "slew_rates_deg_s",
+)
+_MOST_SPEEDS = 32
+"""So many speeds may be stated: drivers have at most 11 switches for them. Doubled, nothing shows."""
+_FASTEST_DEG_S = 40.0
+"""No mount moves faster by hand, °/s: a larger number is of another unit. As `Timing.fastest_deg_s`."""
 _CAMERA_OPTIONS = (
     "connect",
     "connect_s",
@@ -41,8 +53,27 @@ def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMo
         epoch=options.epoch if "epoch" in url.options else None,
         may_connect=yes_of(own, "connect", default=True),
         resolution_arcsec=number_of(own, "resolution_arcsec", 1.0),
+        rate_step_arcsec_s=number_of(own, "rate_step_arcsec_s", 0.0, may_be_zero=True),
+        speeds_deg_s=_speeds(own),
     )
     return options.mount(IndiLanguage(device, habits), name=name, site=site)
+
+
+def _speeds(own: Mapping[str, str]) -> tuple[float, ...]:
+    """Read ``slew_rates_deg_s=0.004,0.5,2``: speeds of motion by hand, slowest first as a rule."""
+    text = own.get("slew_rates_deg_s")
+    if text is None:
+        return ()
+    try:
+        speeds = tuple(float(one) for one in text.split(","))
+    except ValueError:
+        speeds = (-1.0,)
+    if len(speeds) > _MOST_SPEEDS or not all(0.0 < speed <= _FASTEST_DEG_S for speed in speeds):
+        raise BadSettings(
+            f"slew_rates_deg_s={text:.60} makes no sense",
+            advice="the speeds of its switches TELESCOPE_SLEW_RATE from the first, °/s: 0.004,0.5,2.5",
+        )
+    return speeds
 
 
 def _open_camera(url: MountUrl, name: str | None) -> GenericCamera:

@@ -1,7 +1,7 @@
 """A mount behind INDI, as a language: which properties make an order, and which one shows that it arrived.
 
-Readings stand in `readings`; coordinates are given by `CoordinateOrders`, with the switch that says what
-they mean.
+Readings stand in `readings`, rates and axes in `rates`; coordinates are given by `CoordinateOrders`, with the
+switch that says what they mean.
 
 What an order to the coordinates means depends on a switch of its own (ON_COORD_SET) that every client of the
 server can turn. So it is set and seen before each order, set again in the same write as the coordinates, and
@@ -11,12 +11,13 @@ reported.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from drivers.generic.language import Identity, Readout, Sent, Unskilled, Wanted
 from drivers.generic.options import Timing
-from drivers.indi.codec import messages, state
+from drivers.indi.codec import messages, rates, state
 from drivers.indi.codec import messages as orders
 from drivers.indi.codec.answers import (
     is_loud,
@@ -29,10 +30,11 @@ from drivers.indi.codec.answers import (
 from drivers.indi.codec.messages import Event, Ordered
 from drivers.indi.codec.state import COORDINATES, Property
 from drivers.indi.device import IndiDevice
+from drivers.indi.rates import AxisOrders, RateOrders
 from drivers.indi.readings import MountReader
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import utc_now
-from mountnav.devices import Direction, Epoch, Skill, TrackingRate
+from mountnav.devices import Direction, Epoch, MountAxis, OffsetRates, RateSpan, Skill, TrackingRate
 from mountnav.errors import DeviceGarbled, DeviceMissing, DeviceSilent
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
@@ -210,11 +212,18 @@ class IndiHabits:
         Whether a device that is not connected may be ordered to connect.
     resolution_arcsec : float
         Coarsest step of the mount: INDI doesn't say.
+    rate_step_arcsec_s : float
+        Coarsest step to which it rounds offset rates.
+    speeds_deg_s : tuple of float
+        Speeds of motion by hand, by the switches of TELESCOPE_SLEW_RATE from the first: INDI doesn't say
+        them. Empty: those that are known of its driver.
     """
 
     epoch: Epoch | None = None
     may_connect: bool = True
     resolution_arcsec: float = 1.0
+    rate_step_arcsec_s: float = 0.0
+    speeds_deg_s: tuple[float, ...] = ()
 
 
 class IndiLanguage(Unskilled):
@@ -234,6 +243,8 @@ class IndiLanguage(Unskilled):
         self._reader = MountReader(device)
         self._reader.epoch = self._habits.epoch or "apparent"
         self._orders = CoordinateOrders(device, self._reader)
+        self._offsets = RateOrders(device)
+        self._axes = AxisOrders(device, self._reader)
         self._homed = False
         device.client.listen(self._on_event)
 
@@ -277,7 +288,17 @@ class IndiLanguage(Unskilled):
     @property
     def skills(self) -> frozenset[Skill]:
         """By the properties that are there."""
-        return state.skills(self._device.get)
+        get = self._device.get
+        more = {
+            Skill.OFFSET_RATES: rates.takes_offsets(get, self._known),
+            Skill.MOVE_AXIS: bool(self._axes.speeds),
+        }
+        return state.skills(get) | {skill for skill, can in more.items() if can}
+
+    @property
+    def _known(self) -> rates.Known:
+        """What is known of its driver."""
+        return rates.known(self._device.driver.partition(" ")[0])
 
     def unanswered_s(self) -> float:
         """Since when its driver owes the answer to a question."""
@@ -310,6 +331,10 @@ class IndiLanguage(Unskilled):
         if self._orders.sync_is_selected:
             problems.append("SYNC is selected on the server: a slew from another program would be a sync")
         await self._orders.begin()
+        self._axes.stopped()
+        self._axes.speeds_deg_s = habits.speeds_deg_s or self._known.speeds_deg_s
+        if self._known.why and device.get(rates.RATE) is not None:
+            problems.append(f"rates of its own: {self._known.why}")
         return Identity(f"{device.name} ({device.driver})", tuple(problems))
 
     async def close(self) -> None:
@@ -348,6 +373,7 @@ class IndiLanguage(Unskilled):
     async def send_stop(self, again: int) -> None:
         """Abort all motion; tracking stays as it was [INDI Telescope: abort restores what it did before]."""
         self._reader.be_restless()
+        self._axes.stopped()
         self._device.client.send(
             messages.new_switches(self._device.name, "TELESCOPE_ABORT_MOTION", {"ABORT": True})
         )
@@ -424,6 +450,45 @@ class IndiLanguage(Unskilled):
         """Whether a pulse still runs: its property is busy until then; None where there is none."""
         pulses = [self._device.get(name) for name, _, _ in _PULSES.values()]
         return any(pulse is not None and pulse.state == "Busy" for pulse in pulses) if any(pulses) else None
+
+    # -- rates and axes --------------------------------------------------------------------------
+
+    @property
+    def most_offset_arcsec_s(self) -> OffsetRates | None:
+        """What INDI takes, and what is known of its driver."""
+        return OffsetRates(self._known.ra_most_arcsec_s, self._known.dec_most_arcsec_s)
+
+    @property
+    def offset_step_arcsec_s(self) -> float:
+        """As set."""
+        return self._habits.rate_step_arcsec_s
+
+    async def send_offset_rates(self, rates: OffsetRates) -> None:
+        """Order rates of its own, or the mode of a star."""
+        await self._offsets.order(rates)
+
+    async def read_offset_rates(self) -> OffsetRates | None:
+        """What its driver was told: it doesn't ask its mount."""
+        return await self._offsets.read()
+
+    @property
+    def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
+        """As set, or as known of its driver."""
+        return rates.spans(self._axes.speeds)
+
+    def direction_unsure(self, axis: MountAxis) -> bool:
+        """Whether nobody has seen yet which way this axis goes: drivers had their mounts wrong in that."""
+        return self._axes.unsure(axis)
+
+    def direction_seen(self, axis: MountAxis, *, rightly: bool) -> None:
+        """Keep which way it goes."""
+        self._axes.seen(axis, rightly=rightly)
+
+    async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
+        """Hold a button at a speed, or let it go; refused when parked, for some drivers move all the same."""
+        if rate_deg_s:
+            self._require_unparked("moving an axis")
+        return await self._axes.order(axis, rate_deg_s, wanted)
 
     async def _switch(self, name: str, switches: dict[str, bool], what: str) -> Sent:
         """Order something that takes a while."""

@@ -128,6 +128,8 @@ class FakeMotors:
 
     def __init__(self, mechanics: Mechanics, version: Version | None, monotonic: Callable[[], float]) -> None:
         self.southern = False
+        self.own: dict[Axis, float] | None = None
+        """Speeds over the ground that it was told while tracking was off, ″/s; None: the hand control's."""
         self._mechanics = mechanics
         self._version = version
         self._monotonic = monotonic
@@ -137,6 +139,7 @@ class FakeMotors:
     def reboot(self) -> None:
         """Forget what runs."""
         self._pulses.clear()
+        self.own = None
 
     def dues(self) -> list[float]:
         """Instants at which pulses end."""
@@ -183,13 +186,38 @@ class FakeMotors:
                 self._mechanics.rate = _RATES[int.from_bytes(data[:2], "big")]
                 self._mechanics.tracking = True
                 return b""
-            rate_deg_s = int.from_bytes(data[:2], "big") / 4.0 / 3600.0
-            self._move(axis, -rate_deg_s if order == Order.RATE_DOWN else rate_deg_s)
+            rate_arcsec_s = int.from_bytes(data[:2], "big") / 4.0
+            signed = -rate_arcsec_s if order == Order.RATE_DOWN else rate_arcsec_s
+            if self.own is None and self._mechanics.tracking:
+                self._move(axis, signed / 3600.0)
+            else:
+                self._run(axis, signed)
             return b""
         return None
 
+    def _run(self, axis: Axis, rate_arcsec_s: float) -> None:
+        """Run a motor over the ground: the hand control, which doesn't track, leaves it so [NexStar P]."""
+        own = self.own or dict.fromkeys(Axis, 0.0)
+        own[axis] = rate_arcsec_s
+        self.own = own
+        west = -own[Axis.RA] if self.southern else own[Axis.RA]
+        east_side = self._mechanics.pier_side() is PierSide.EAST
+        north = -own[Axis.DEC] if east_side else own[Axis.DEC]
+        self._mechanics.track_at(west / 3600.0, north / 3600.0)
+        self._mechanics.tracking = True
+
+    def taken_back(self, *, tracking: bool) -> None:
+        """The hand control says what the motors do."""
+        if self.own is not None:
+            self.own = None
+            self._mechanics.rate = TrackingRate.SIDEREAL
+        self._mechanics.tracking = tracking
+
     def _move(self, axis: Axis, rate_deg_s: float) -> None:
         self._pulses.pop(axis, None)
+        if self.own is not None and rate_deg_s == 0.0:
+            self._run(axis, 0.0)
+            return
         direction = self._direction(axis, rate_deg_s < 0)
         if rate_deg_s == 0.0:
             self._mechanics.stop_move(direction)
@@ -277,6 +305,7 @@ class FakeNexstar(WireFake):
         self._goto = False
         self._sent_to: tuple[float, float] | None = None
         self._mode = handset.usual_mode(mechanics.site.latitude_deg) or Tracking.EQUATORIAL_NORTH
+        self.motors.southern = self._mode is Tracking.EQUATORIAL_SOUTH
         self._zone_h, self._daylight_saving = 0.0, False
         self._knows = self._letters()
 
@@ -381,7 +410,7 @@ class FakeNexstar(WireFake):
             b"m": lambda: bytes([handset.model or 0]),
             b"L": lambda: b"1" if self._goto else b"0",
             b"J": lambda: bytes([self.aligned]),
-            b"t": lambda: bytes([handset.number(self._mode) if self.mechanics.tracking else 0]),
+            b"t": lambda: bytes([handset.number(self._mode) if self._tracks else 0]),
             b"p": self._pier_side,
             b"w": self._site,
             b"h": lambda: self._time(fine=False),
@@ -403,8 +432,9 @@ class FakeNexstar(WireFake):
                 self._slew(self._from_wire(pair.first_deg, pair.second_deg))
         elif letter == b"T":
             mode = self.handset.mode(rest[0])
-            self.motors.southern = mode is Tracking.EQUATORIAL_SOUTH
-            self.mechanics.tracking = mode is not Tracking.OFF
+            if mode is not Tracking.OFF:
+                self.motors.southern = mode is Tracking.EQUATORIAL_SOUTH
+            self.motors.taken_back(tracking=mode is not Tracking.OFF)
             self._mode = mode or self._mode
         elif letter == b"W":
             site = site_from_bytes(rest)
@@ -414,8 +444,16 @@ class FakeNexstar(WireFake):
             self._set_time(fine_time_from_bytes(rest) if letter == b"I" else time_from_bytes(rest))
         return b""
 
+    @property
+    def _tracks(self) -> bool:
+        """Whether the hand control itself tracks."""
+        return self.mechanics.tracking and self.motors.own is None
+
     def _slew(self, target: Apparent) -> None:
-        mechanics, tracking = self.mechanics, self.mechanics.tracking
+        # a goto takes the motors back [NexStar P]
+        tracking = self._tracks
+        mechanics = self.mechanics
+        self.motors.taken_back(tracking=tracking)
         if mechanics.believed_altitude_deg(target) < self._lowest_altitude_deg:
             return
         if mechanics.refusal(target) is None and mechanics.slew(target) is None:

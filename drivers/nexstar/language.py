@@ -9,12 +9,13 @@ just before, so that no ``#`` that was owed from earlier can be taken for its an
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from datetime import datetime
 from typing import Any
 
 from drivers.generic.language import Identity, Readout, Sent, Wanted
 from drivers.generic.serial_language import SerialLanguage
+from drivers.nexstar import following
 from drivers.nexstar.codec import base
 from drivers.nexstar.codec.handsets import Handset, Tracking, Version
 from drivers.nexstar.codec.passthrough import (
@@ -29,6 +30,7 @@ from drivers.nexstar.codec.passthrough import (
 from drivers.nexstar.codec.replies import LONG_STEP_ARCSEC, SHORT_STEP_ARCSEC, WirePair
 from drivers.nexstar.codec.site_and_time import clock_of, goes_on, site_of, time_for, wire_site
 from drivers.nexstar.exchange import Ask, Greeting, HandsetExchange, greet
+from drivers.nexstar.following import Following, Turning
 from drivers.nexstar.parking import Horizon, Parking
 from drivers.wire.command import Command
 from drivers.wire.exchange import Patience
@@ -36,8 +38,18 @@ from drivers.wire.line import ByteLine, ControlLines, SerialLine
 from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import pause, utc_now
-from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
-from mountnav.errors import DeviceRefused, Refusal
+from mountnav.devices import (
+    STARS_RATES,
+    Direction,
+    Epoch,
+    MountAxis,
+    OffsetRates,
+    PierSide,
+    RateSpan,
+    Skill,
+    TrackingRate,
+)
+from mountnav.errors import DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 _SLOWEST_KEY = 1
@@ -141,6 +153,7 @@ class NexstarLanguage(SerialLanguage):
         self._epoch = epoch
         self._greeting = Greeting(Handset(Version(0, 0)), short=False)
         self._parking = Parking(park)
+        self._following = Following(self._exchange.asked, self.device)
         self._latitude_deg = 0.0
         self._mode: Tracking | None = None
         self._rate: TrackingRate | None = None
@@ -193,6 +206,8 @@ class NexstarLanguage(SerialLanguage):
                 skills.add(Skill.SITE)
         if handset.has_rates:
             skills.add(Skill.TRACKING_RATES)
+        if self._follows:
+            skills |= {Skill.OFFSET_RATES, Skill.MOVE_AXIS}
         if handset.tells_pier_side and not self._exchange.refining.lacks(base.PIER_SIDE):
             skills.add(Skill.PIER_SIDE)
         return frozenset(skills)
@@ -219,6 +234,7 @@ class NexstarLanguage(SerialLanguage):
     async def _identify(self) -> Identity:
         self._exchange.opened()
         self._rate = None
+        self._following.forget()
         await self._exchange.step()
         self._greeting = await greet(self._exchange.agreed, self._exchange.agreed_if_known, self.handset)
         handset, problems = self.handset, []
@@ -259,7 +275,10 @@ class NexstarLanguage(SerialLanguage):
             self._pier_side = side_of(letter, pair.second_deg, mirrored=mirrored)
         if mode:
             self._mode = mode
+            # it tracks by itself again
+            self._following.forget()
         if not aligned:
+            self._following.forget()
             # switched on again: whatever was set is gone
             self._rate = None
         parked = await self._parked(slewing, mode, aligned)
@@ -269,7 +288,7 @@ class NexstarLanguage(SerialLanguage):
             utc,
             span.total_seconds(),
             slewing=slewing,
-            tracking=None if mode is None else mode is not Tracking.OFF,
+            tracking=None if mode is None else mode is not Tracking.OFF or self._following.under_way,
             parked=parked,
             pier_side=self._pier_side,
             fresh=not aligned,
@@ -313,6 +332,7 @@ class NexstarLanguage(SerialLanguage):
         await self._require_alignment("the slew")
         if self._parking.parked:
             raise DeviceRefused("the slew refused: it is parked", device=self.device, reason=Refusal.PARKED)
+        self._following.forget()
         if self.handset.tells_tracking and wanted():
             tracking = await self._exchange.asked_if_known(base.get_tracking(self.handset))
             if tracking is Tracking.OFF and wanted():
@@ -351,6 +371,7 @@ class NexstarLanguage(SerialLanguage):
         await self._require_alignment("parking")
         if not wanted():
             return Sent(wire=False)
+        self._following.forget()
         await self._exchange.asked(base.set_tracking(self.handset.number(Tracking.OFF)))
         self._parking.began()
         short = self._greeting.short
@@ -374,6 +395,10 @@ class NexstarLanguage(SerialLanguage):
     async def send_tracking(self, on: bool, rate: TrackingRate) -> None:
         """Order tracking in the mode it had, or its hemisphere's [NexStar T], and its rate [NexStar P]."""
         handset = self.handset
+        if self._following.under_way:
+            # what the motors were told takes the place of the rate that they had
+            self._following.forget()
+            self._rate = None
         if not on:
             await self._exchange.asked(base.set_tracking(handset.number(Tracking.OFF)))
             return
@@ -400,6 +425,87 @@ class NexstarLanguage(SerialLanguage):
         if self.handset.times_pulses:
             return await guiding.by_motor(axis, sign, duration_s, wanted)
         return await guiding.by_key(axis, sign, duration_s, wanted)
+
+    # -- what moves --------------------------------------------------------------------------------
+
+    @property
+    def _follows(self) -> bool:
+        """Whether its motors can be told rates of their own, and their signs are known."""
+        handset = self.handset
+        if handset.synscan or not handset.tells_tracking or self._usual_mode() not in _EQUATORIAL:
+            return False
+        return not handset.german or (
+            handset.tells_pier_side and not self._exchange.refining.lacks(base.PIER_SIDE)
+        )
+
+    @property
+    def most_offset_arcsec_s(self) -> OffsetRates | None:
+        """A degree a second."""
+        return OffsetRates(following.MOST_ARCSEC_S, following.MOST_ARCSEC_S) if self._follows else None
+
+    @property
+    def offset_step_arcsec_s(self) -> float:
+        """A quarter of an arcsecond a second."""
+        return following.STEP_ARCSEC_S if self._follows else 0.0
+
+    async def send_offset_rates(self, rates: OffsetRates) -> None:
+        """Switch tracking off and run both motors; or switch it on again [NexStar T, P 0x06].
+
+        Raises
+        ------
+        DeviceRefused
+            If its motors can't be told such rates, or its side of the pier isn't known.
+        """
+        if not self._follows:
+            raise self._unsupported("track at rates of its own")
+        if rates.none and not self._following.under_way:
+            return
+        turning = await self._turning() if not rates.none else Turning(None, self._usual_mode())
+        await self._following.offset(rates, turning, self._modes())
+        self._rate = None
+
+    async def read_offset_rates(self) -> OffsetRates | None:
+        """None: it can't say; but that it tracks by itself again it says."""
+        if self._following.offsets is None:
+            return None
+        mode = await self._exchange.asked_if_known(base.get_tracking(self.handset))
+        if mode is None or mode is Tracking.OFF:
+            return None
+        self._following.forget()
+        return STARS_RATES
+
+    @property
+    def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
+        """Any speed that the motors can be told."""
+        return {"primary": following.SPANS, "secondary": following.SPANS} if self._follows else {}
+
+    async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
+        """Run one motor at another rate, or again as before. Raises `DeviceRefused`."""
+        if not self._follows:
+            raise self._unsupported("move an axis")
+        turning = await self._turning()
+        if not wanted():
+            return Sent(wire=False)
+        try:
+            await self._following.move(axis, rate_deg_s, turning, self._modes())
+        except (DeviceSilent, DeviceGarbled) as failure:
+            return Sent(lost=failure)
+        self._rate = None
+        return Sent()
+
+    def _modes(self) -> tuple[int, int]:
+        return self.handset.number(Tracking.OFF), self.handset.number(self._usual_mode())
+
+    async def _turning(self) -> Turning:
+        """How the motors lie on the sky now. Raises `DeviceRefused` where that isn't known."""
+        if self.handset.german:
+            await self.readout()
+            if self._pier_side in (None, PierSide.UNKNOWN):
+                raise DeviceRefused(
+                    "can't run its motors at rates of their own: its side of the pier isn't known",
+                    device=self.device,
+                )
+        return Turning(self._pier_side, self._usual_mode())
 
     def _usual_mode(self) -> Tracking:
         return self._mode or self.handset.usual_mode(self._latitude_deg)

@@ -36,6 +36,12 @@ class MountBehavior:
         Whether it says on which side the tube will hang after a slew.
     side_swapped : bool
         Whether it reports the wrong side.
+    takes_rates, moves_axes : bool
+        Whether it takes offset rates, and can have its axes moved by hand.
+    tells_rates : bool
+        Whether it says which offset rates it has.
+    most_rate_arcsec_s : float
+        The largest offset rate that it takes, on either axis.
     latency_s : float
         Time that a question and its answer take.
     silence_s : float
@@ -61,6 +67,10 @@ class MountBehavior:
     tells_side: bool = True
     tells_destination: bool = True
     side_swapped: bool = False
+    takes_rates: bool = True
+    moves_axes: bool = True
+    tells_rates: bool = True
+    most_rate_arcsec_s: float = 7200.0
     latency_s: float = 0.02
     silence_s: float = 1.5
     lost_after_s: float = 6.0

@@ -10,16 +10,11 @@ from contextlib import asynccontextmanager
 from drivers.generic.coordinates import apart_arcsec, check_kind
 from drivers.generic.link_supervisor import LinkState
 from drivers.generic.mount import LONGEST_PULSE_S
-from drivers.generic.options import Timing
-from drivers.generic.refusal_words import parked, untrusted
-from drivers.generic.session import Listener
+from drivers.generic.refusal_words import parked
 from drivers.generic.syncing import SyncReadBack
-from drivers.simulated.behavior import MountBehavior
-from drivers.simulated.link import Cable, Trouble
-from mountnav.clock import Clock
+from drivers.simulated.rates import REAL, SimulatedRates
 from mountnav.devices import (
     Direction,
-    Epoch,
     MountReading,
     PierSide,
     Skill,
@@ -30,226 +25,14 @@ from mountnav.devices import (
     TrackingRate,
     moved_arcsec,
 )
-from mountnav.errors import BadRequest, Busy, DeviceError, DeviceRefused, Refusal, RefusedButDone
-from mountnav.simulation.mechanics import Mechanics
-from mountnav.simulation.posture import other_side
-from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent
+from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal, RefusedButDone
+from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs
-
-
-class SimulatedState:
-    """All of a `SimulatedMount` except its orders; see there."""
-
-    def __init__(
-        self,
-        mechanics: Mechanics,
-        clock: Clock,
-        behavior: MountBehavior | None = None,
-        *,
-        name: str = "simulated mount",
-        trusted: bool = True,
-    ) -> None:
-        self.mechanics = mechanics
-        self.behavior = behavior or MountBehavior()
-        self.received: list[str] = []
-        self.denies: set[str] = set()
-        self._clock = clock
-        self._name = name
-        self._trusted = trusted
-        self._why_untrusted = "nobody has looked at the sky since it was connected"
-        self._boots = mechanics.boots
-        self._state = SlewState.NONE
-        self._job: str | None = None
-        self._stops = 0
-        self._stop_owed = False
-        self.sides_stated = False
-        self._late: tuple[Apparent | Icrs, float] | None = None
-        self.cable = Cable(name, clock, self.behavior, back=self._on_back, lost=self._on_lost)
-
-    # -- what it is --------------------------------------------------------------------------------
-
-    @property
-    def name(self) -> str:
-        """Name, for messages."""
-        return self._name
-
-    @property
-    def epoch(self) -> Epoch:
-        """Kind of coordinates that it speaks."""
-        return self.behavior.epoch
-
-    @property
-    def resolution_arcsec(self) -> float:
-        """Coarsest step."""
-        return self.behavior.resolution_arcsec
-
-    @property
-    def skills(self) -> frozenset[Skill]:
-        """Park, home, tracking and guiding; the pier side if it reports it."""
-        skills = {Skill.PARK, Skill.UNPARK, Skill.HOME, Skill.TRACK, Skill.TRACKING_RATES, Skill.GUIDE}
-        if self.mechanics.machine.home_sensor:
-            skills.add(Skill.FIND_HOME)
-        if self.behavior.tells_side and self.mechanics.machine.mounting == "german":
-            skills.add(Skill.PIER_SIDE)
-        if self.behavior.tells_destination and self.mechanics.machine.mounting == "german":
-            skills.add(Skill.DESTINATION_SIDE)
-        return frozenset(skills)
-
-    @property
-    def link(self) -> LinkState:
-        """State of the link."""
-        return self.cable.state
-
-    @property
-    def slew_state(self) -> SlewState:
-        """What the last order to move has come to."""
-        return self._state
-
-    @property
-    def trusted(self) -> bool:
-        """Whether its own position can be trusted."""
-        self._see_reboots()
-        return self._trusted
-
-    def trust(self) -> None:
-        """Trust the position: an operator says that it is right."""
-        self._see_reboots()
-        self._believe("the operator says so")
-
-    def listen(self, listener: Listener) -> None:
-        """Call `listener(what, facts)` at each event of the link and of the trust in the position."""
-        self.cable.listeners.append(listener)
-
-    # -- what happens to it ------------------------------------------------------------------------
-
-    def cut(self, for_s: float, trouble: Trouble = "missing") -> None:
-        """Let the link fail: the port is gone ("missing"), or nothing answers ("silent")."""
-        self.cable.cut(for_s, trouble)
-
-    def reboot(self, for_s: float = 4.0) -> None:
-        """Switch it off and on: it stops, forgets its position, and is silent for `for_s`."""
-        self.mechanics.reboot()
-        self.cable.cut(for_s, "silent")
-        asyncio.get_running_loop().call_later(for_s + 0.5, self._see_reboots)
-
-    # -- reading -----------------------------------------------------------------------------------
-
-    async def open(self) -> None:
-        """Connect. Moves nothing."""
-        await self.cable.open()
-        self._see_reboots()
-        self.cable.emit("connected", {"identity": self._name, "trusted": self._trusted, "problems": []})
-
-    async def close(self) -> None:
-        """Release the link."""
-        self.cable.close()
-
-    async def reading(self) -> MountReading:
-        """Where the mount believes it points.
-
-        Raises
-        ------
-        DeviceSilent, DeviceMissing
-        """
-        await self.cable.ask()
-        self._see_reboots()
-        reading = self._reading()
-        self._see_a_late_sync(reading)
-        return reading
-
-    def _reading(self) -> MountReading:
-        behavior, mechanics = self.behavior, self.mechanics
-        utc = self._clock.utc()
-        place: Apparent | Icrs = mechanics.reported(utc)
-        if isinstance(place, Apparent):
-            place = (
-                behavior.icrs_in_steps(apparent_to_icrs(place))
-                if behavior.epoch == "icrs"
-                else behavior.in_steps(place)
-            )
-        side = mechanics.pier_side(utc) if behavior.tells_side else None
-        side = None if side is None else self._as_reported(side)
-        if not behavior.tells_motion:
-            return MountReading(place, utc, pier_side=side)
-        return MountReading(
-            place,
-            utc,
-            slewing=mechanics.slewing(utc),
-            tracking=mechanics.tracking and not mechanics.at_limit,
-            parked=mechanics.parked,
-            at_home=mechanics.at_home,
-            pier_side=side,
-        )
-
-    # -- inside ------------------------------------------------------------------------------------
-
-    def _as_reported(self, side: PierSide) -> PierSide:
-        return other_side(side) if self.behavior.side_swapped else side
-
-    def _stop_now(self) -> None:
-        self.received.append("stop")
-        self.mechanics.stop()
-
-    def _require_no_job(self) -> None:
-        if self._job is not None:
-            raise Busy(f"a {self._job} is running", device=self._name, advice="wait for it, or stop it")
-
-    def _require_trust(self, what: str) -> None:
-        if not self._trusted:
-            raise untrusted(what, self._why_untrusted, device=self._name)
-
-    def _believe(self, why: str) -> None:
-        if not self._trusted:
-            self._trusted = True
-            self.cable.emit("trusted", {"why": why})
-
-    def _distrust(self, why: str) -> None:
-        self._why_untrusted = why
-        if self._trusted:
-            self._trusted = False
-            self.cable.emit("untrusted", {"why": why})
-
-    def _see_reboots(self) -> None:
-        if self.mechanics.boots != self._boots:
-            self._boots = self.mechanics.boots
-            self._late = None
-            self._distrust("it was switched off and on")
-
-    def _went_elsewhere(self, miss_arcsec: float) -> None:
-        self.cable.emit("sync-elsewhere", {"miss_arcsec": round(miss_arcsec, 1)})
-        self._distrust(f"it took a sync for another place: it believes to be {miss_arcsec:.0f}″ from there")
-
-    def _see_a_late_sync(self, reading: MountReading) -> None:
-        if self._late is not None and self._job is None:
-            place, near_arcsec = self._late
-            miss_arcsec = apart_arcsec(reading.place, place)
-            if miss_arcsec <= near_arcsec:
-                self._late = None
-                self.cable.emit("sync-late", {"miss_arcsec": round(miss_arcsec, 1)})
-                self._believe("a sync was seen, late")
-
-    def _on_lost(self, why: str) -> None:
-        if self._job is not None:
-            self._state, self._stop_owed = SlewState.LOST, True
-        self._distrust("its link was lost")
-
-    def _on_back(self) -> None:
-        if self._stop_owed:
-            self._stop_now()
-            self._stop_owed = False
-        self._see_reboots()
-        if not self._trusted:
-            self.cable.emit("untrusted", {"why": self._why_untrusted})
-
 
 _GUIDE_DEG_S = 0.5 * SIDEREAL_DEG_S
 """Guide rate: half the sidereal rate, as most mounts are delivered."""
-_REAL = Timing()
-"""The times by which real mounts are treated: a simulated one is stopped and watched for as long."""
 _READ_BACK_S = 0.2
 """s between two readings after a sync or a refusal, as `drivers.generic` has it."""
-_STOP_POLL_S = 0.1
-"""Longest time (s) between two stops: a stop returns no more than this after the mount rests."""
 _MOVED_DEG = 0.01
 """An axis that moved by less between two readings stands: far below a slew's step, above any tracking."""
 _STATES = {
@@ -259,8 +42,8 @@ _STATES = {
 }
 
 
-class SimulatedMount(SimulatedState):
-    """A `mountnav.devices.Mount` over the mechanics; it is `Skilled`, `Trusts` and `Announces` too.
+class SimulatedMount(SimulatedRates):
+    """A `mountnav.devices.Mount` over the mechanics; it is all else that a mount may be, too.
 
     Parameters
     ----------
@@ -306,6 +89,7 @@ class SimulatedMount(SimulatedState):
 
             if stops != self._stops:
                 return self._ended(SlewOutcome.STOPPED)
+            self._end_rates()
             return await self._ordered("slew", lambda: self.mechanics.slew(asked), there, links, stops)
 
     async def sync(self, place: Apparent | Icrs) -> SyncResult:
@@ -338,6 +122,7 @@ class SimulatedMount(SimulatedState):
             before,
             resolution_arcsec=self.resolution_arcsec,
             most_arcsec=self.behavior.near_arcsec,
+            rates=self._may_drift(),
         )
         began_s = self._clock.monotonic_s()
         read_back.sent(self._clock.utc())
@@ -357,37 +142,13 @@ class SimulatedMount(SimulatedState):
             self._went_elsewhere(result.miss_arcsec)
         return result
 
-    async def stop(self) -> None:
-        """Stop all motion now; return when it rests.
-
-        Raises
-        ------
-        DeviceSilent, DeviceMissing
-            If the stop can't be sent.
-        DeviceRefused
-            If it still moves after 20 s.
-        """
-        self._stops += 1
-        self._stop_owed = True
-        await self.cable.ask()
-        self._stop_now()
-        began_s = self._clock.monotonic_s()
-        while self.mechanics.slewing():
-            if self._clock.monotonic_s() - began_s > _REAL.stop_timeout_s:
-                raise DeviceRefused(
-                    "was told to stop and still moves", device=self._name, advice="cut its power"
-                )
-            await self._clock.sleep(min(_STOP_POLL_S, self.behavior.poll_s))
-            await self.cable.ask()
-            self._stop_now()
-        self._stop_owed = False
-
     async def park(self) -> SlewOutcome:
         """Go to its park position and stay. Raises as `slew` does."""
         async with self._moving("parking") as (links, stops):
             self._require_trust("parking")
             if self.mechanics.parked:
                 return self._ended(SlewOutcome.ARRIVED)
+            self._end_rates()
             return await self._ordered(
                 "park", self.mechanics.park, lambda: self.mechanics.parked, links, stops
             )
@@ -410,6 +171,7 @@ class SimulatedMount(SimulatedState):
                 if refusal is not None:
                     raise DeviceRefused(f"homing refused: {refusal}", device=self._name, reason=refusal)
 
+            self._end_rates()
             outcome = await self._ordered("home", go, there, links, stops)
             if outcome is SlewOutcome.ARRIVED and self.mechanics.machine.home_sensor:
                 self._believe("it has found its home")
@@ -422,6 +184,8 @@ class SimulatedMount(SimulatedState):
             self.mechanics.rate = rate
             self.mechanics.tracking = on
 
+        self._require_no_job()
+        self._end_rates()
         await self._order("track", track)
         if self.mechanics.tracking is not on:
             raise DeviceRefused("accepted switching tracking and didn't do it", device=self._name)
@@ -528,11 +292,11 @@ class SimulatedMount(SimulatedState):
     async def _belied(self, order: str, before: MountReading) -> DeviceError:
         """The error for an order that was refused, after readings as in `drivers.generic.refusals`."""
         began_s = self._clock.monotonic_s()
-        free_arcsec = _REAL.resting_free_arcsec(self.resolution_arcsec)
-        while self._clock.monotonic_s() - began_s <= _REAL.start_grace_s:
+        free_arcsec = REAL.resting_free_arcsec(self.resolution_arcsec)
+        while self._clock.monotonic_s() - began_s <= REAL.start_grace_s:
             await self.cable.ask()
             moves = self.mechanics.slewing()
-            if moves or moved_arcsec(before, self._reading()) > free_arcsec:
+            if moves or moved_arcsec(before, self._reading(), self._may_drift()) > free_arcsec:
                 self._distrust(f"it said no to {order}, and moved")
                 if moves:
                     await self.stop()
@@ -540,10 +304,3 @@ class SimulatedMount(SimulatedState):
                 return self._denied(order, "moved; stopped" if moves else "moved")
             await self._clock.sleep(_READ_BACK_S)
         return DeviceRefused(f"{order} refused", device=self._name)
-
-    def _denied(self, order: str, what: str) -> RefusedButDone:
-        said = f"{order}: said refused, but {what}"
-        self.cable.emit("refused-but-done", {"order": order, "why": said})
-        return RefusedButDone(
-            said, device=self._name, advice="its position doesn't count: solve a frame and sync (recover)"
-        )

@@ -23,6 +23,7 @@ from mountnav.devices import (
     SyncResult,
     for_mount,
     from_mount,
+    rates_of,
     skills_of,
 )
 from mountnav.errors import BadRequest, Cancelled, DeviceRefused, OutsideLimits
@@ -468,10 +469,12 @@ class SyncOrders:
             # the drivers of others may leave the reading to us
             after = await self._state.reading()
             miss_arcsec = separation_arcsec(from_mount(after.place), from_mount(place))
-            return SyncResult(law.outcome(miss_arcsec, before, after), after, miss_arcsec, 0.0)
+            outcome = law.outcome(miss_arcsec, before, after, rates_of(self._mount))
+            return SyncResult(outcome, after, miss_arcsec, 0.0)
         if result.outcome is SyncOutcome.IGNORED:
             # nor may they know that a mount can take another place
-            return replace(result, outcome=law.unseen(before, result.read_back))
+            outcome = law.unseen(before, result.read_back, rates_of(self._mount))
+            return replace(result, outcome=outcome)
         return result
 
     def _came(self, result: SyncResult) -> OrderResult:

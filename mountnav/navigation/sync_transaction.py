@@ -20,6 +20,8 @@ from mountnav.devices import (
     SyncResult,
     for_mount,
     from_mount,
+    miss_arcsec,
+    rates_of,
 )
 from mountnav.errors import (
     BadFrame,
@@ -129,14 +131,19 @@ async def send_sync(
     """
     law = SyncLaw.of(way_arcsec, mount.resolution_arcsec, policy.read_back_arcsec)
     began = clock.monotonic_s()
-    result: SyncResult = await mount.sync(for_mount(place, mount.epoch, clock.utc()))
+    told_utc = clock.utc()
+    told = for_mount(place, mount.epoch, told_utc)
+    result: SyncResult = await mount.sync(told)
     kill_point("sync transaction: answered")
     outcome, reading = result.outcome, result.read_back
     until_s = max(policy.read_back_s, LOST_S) if lost else policy.read_back_s
     while True:
         there = from_mount(reading.place)
         miss, after_s = separation_arcsec(there, place), clock.monotonic_s() - began
-        if law.seen(miss):
+        rates = rates_of(mount)
+        # one that follows a comet goes on while it is read
+        off = min(miss, miss_arcsec(told, told_utc, reading, rates)) if rates else miss
+        if law.seen(off):
             seen = SyncOutcome.SEEN if outcome is SyncOutcome.SEEN else SyncOutcome.LATE
             return ReadBack(seen, reading, there, miss, after_s)
         if after_s >= until_s or (outcome is SyncOutcome.ELSEWHERE and after_s >= policy.read_back_s):

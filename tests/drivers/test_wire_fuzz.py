@@ -58,6 +58,7 @@ def lived(
     script: list[Fault] | None = None,
     *,
     contradicts: bool = False,
+    follows: bool = False,
 ) -> tuple[Findings, Rig]:
     clock = HandClock()
     fuzzed = family(protocol, dialect)
@@ -65,7 +66,7 @@ def lived(
     loop = VirtualLoop(clock)
     try:
         # its events and locks are made for this loop
-        rig = Rig(fuzzed, make_fake, clock, seed, rate, kinds, contradicts=contradicts)
+        rig = Rig(fuzzed, make_fake, clock, seed, rate, kinds, contradicts=contradicts, follows=follows)
         if script is not None:
             rig.fake.faults += script
         return loop.run_until_complete(rig.live(exchanges)), rig
@@ -142,6 +143,25 @@ def test_a_mount_that_contradicts_itself_is_never_believed(
     assert life.outcomes["slew: arrived"] > 0
     if rig.family.syncs:
         assert life.outcomes[f"sync: {SyncOutcome.ELSEWHERE}"] > 0
+
+
+FOLLOWING = [("lx200", "onstep"), ("ioptron", None), ("skywatcher", None), ("nexstar", None)]
+
+
+@pytest.mark.parametrize(
+    ("protocol", "dialect"),
+    [pytest.param(*one, marks=() if one[1] == "onstep" else pytest.mark.long) for one in FOLLOWING],
+)
+@pytest.mark.parametrize("seed", [303, pytest.param(304, marks=pytest.mark.long)])
+def test_rates_and_moved_axes_on_bad_wires(
+    protocol: str, dialect: str | None, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rates that were accepted are kept; an axis that was told to end has ended; nothing hangs."""
+    kinds = USUAL_KINDS if seed % 2 else EVERYTHING
+    life, _ = lived(monkeypatch, protocol, dialect, 2500, seed, 0.03, kinds, follows=True)
+    assert life.wrong == []
+    assert life.outcomes["rates: done"] > 5
+    assert life.outcomes["move: done"] > 2
 
 
 def test_the_same_seed_is_the_same_life() -> None:

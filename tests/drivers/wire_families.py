@@ -27,7 +27,7 @@ def family(protocol: str, dialect: str | None = None) -> Family:
     made = Family(protocol, dialect, Lx200Language, other.moves, other.stops, machine=fake_machine(protocol))
     match protocol:
         case "nexstar":
-            return replace(made, language=NexstarLanguage, recover=_aligned)
+            return replace(made, language=NexstarLanguage, recover=_aligned, reads_rates=False)
         case "synscan":
             return replace(made, language=lambda link: NexstarLanguage(link, epoch="icrs"), recover=_aligned)
         case "ioptron":

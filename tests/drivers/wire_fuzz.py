@@ -22,8 +22,10 @@ from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
 from mountnav.devices import (
     FREE_ARCSEC,
+    STARS_RATES,
     Direction,
     MountReading,
+    OffsetRates,
     Skill,
     SlewOutcome,
     SlewState,
@@ -50,6 +52,12 @@ ALIGNED_ARCSEC = 3600.0
 """So near to the truth is a mount aligned by its marks: refraction, which it doesn't know, is less."""
 SLACK_ARCSEC = 5.0
 """What the clock's steps and a belief's own rounding come to."""
+_RESTS_ARCSEC_S = 15.041
+"""So fast the right ascension grows of one that rests."""
+_LATER = timedelta(seconds=3.0)
+"""After so long all ramps are over."""
+_OFFSET_DEG_S = 50.0 / 3600.0
+"""As fast as the fastest rates that are ordered here, tracking included."""
 UNSEEN_ARCSEC = 30.0
 """What no reader can tell from a little motion: flipped bits in last digits, without check sums."""
 
@@ -66,6 +74,8 @@ class Family:
     machine: Machine | None = None
     syncs: bool = True
     """Whether a sync reaches the fake; not where the driver keeps its offsets to itself."""
+    reads_rates: bool = True
+    """Whether it says which offset rates it has; else one that was deaf to an order is not found out."""
     recover: Callable[[Any], None] = lambda fake: None
     """What a person does at the mount after its power was off."""
 
@@ -127,8 +137,11 @@ class Rig:
         kinds: tuple[Kind, ...],
         *,
         contradicts: bool = False,
+        follows: bool = False,
     ) -> None:
         self.family, self.clock = family, clock
+        self.follows = follows
+        """Whether it is also ordered rates of its own, and its axes are moved by hand."""
         self.contradicts = contradicts
         """Whether it says no and goes, takes syncs for other places, and is switched off and on in slews."""
         self.chances = random.Random(seed)
@@ -244,6 +257,10 @@ class Rig:
 
     async def step(self) -> None:
         roll = self.chances.random()
+        if self.follows and self.chances.random() < 0.3:
+            await self.told("rates", self.rates)
+            if self.chances.random() < 0.4:
+                await self.told("move", self.move)
         if self.mechanics.parked and self.chances.random() < 0.3:
             # somebody at its buttons
             self.mechanics.unpark()
@@ -429,6 +446,63 @@ class Rig:
         if Skill.GUIDE not in self.mount.skills:
             return "can't"
         await self.mount.guide(self.chances.choice(list(Direction)), self.chances.uniform(0.05, 1.5))
+        return "done"
+
+    def kept(self) -> OffsetRates:
+        """The rates beside the sidereal one at which its belief goes on if nothing else comes."""
+        begin = self.clock() + timedelta(seconds=3.0)
+        one, two = (self.mechanics.reported(begin + timedelta(seconds=after)) for after in (0.0, 5.0))
+        ra_deg = (two.ra_deg - one.ra_deg + 180.0) % 360.0 - 180.0
+        return OffsetRates(ra_deg * 720.0, (two.dec_deg - one.dec_deg) * 720.0)
+
+    async def rates(self) -> str:
+        if Skill.OFFSET_RATES not in self.mount.skills:
+            return "can't"
+        most = self.mount.most_offset_arcsec_s or OffsetRates(30.0, 30.0)
+        some = [min(one, 30.0) for one in (most.ra_arcsec_s, most.dec_arcsec_s)]
+        rates = OffsetRates(*(self.chances.uniform(-one, one) for one in some))
+        if self.chances.random() < 0.3:
+            rates = STARS_RATES
+        boots = self.mechanics.boots
+        if not rates.none and (await self.mount.reading()).tracking is False:
+            await self.mount.set_tracking(True, TrackingRate.SIDEREAL)
+        await self.mount.set_offset_rates(rates)
+        sure = self.family.reads_rates and not self.unsure and self.mechanics.boots == boots
+        # over the pole north is south within the time of a look
+        sure = sure and abs(self.mechanics.reported().dec_deg) < 85.0
+        # those of a star may be ordered of one that rests
+        if sure and not (rates.none and abs(self.kept().ra_arcsec_s - _RESTS_ARCSEC_S) < 0.1):
+            step = self.mount.offset_step_arcsec_s
+            kept = self.kept()
+            for told, went in (
+                (rates.ra_arcsec_s, kept.ra_arcsec_s),
+                (rates.dec_arcsec_s, kept.dec_arcsec_s),
+            ):
+                if abs(told - went) > 1.1 * step + 0.002 * abs(told) + 0.02:
+                    self.note(f"ordered {rates}, it goes at {kept}")
+        return "done"
+
+    async def move(self) -> str:
+        if Skill.MOVE_AXIS not in self.mount.skills:
+            return "can't"
+        spans = self.mount.axis_rates_deg_s
+        axis = self.chances.choice(sorted(spans))
+        span = self.chances.choice(spans[axis])
+        speed = min(self.chances.uniform(span.least_deg_s, span.most_deg_s), 0.3)
+        speed = min(max(speed, span.least_deg_s), span.most_deg_s)
+        try:
+            await self.mount.move_axis(axis, self.chances.choice((1.0, -1.0)) * speed)
+            await asyncio.sleep(self.chances.uniform(0.0, 3.0))
+            await self.mount.move_axis(axis, 0.0)
+        except DeviceRefused:
+            raise
+        except DeviceError:
+            # whoever moves an axis by hand and isn't answered stops it
+            await self.stop()
+            raise
+        goes_on = [self.mechanics.axis_velocity(one, self.clock() + _LATER) for one in ("ha", "dec")]
+        if any(abs(one) > span.least_deg_s + _OFFSET_DEG_S for one in goes_on):
+            self.note(f"its {axis} axis was told to end, and moves on: {goes_on}")
         return "done"
 
     async def park(self) -> str:

@@ -167,7 +167,7 @@ async def test_it_slews_syncs_and_stops(tmp_path: Path, driver: str) -> None:
     real = REAL[driver]
     async with served(real, tmp_path / "home") as (mechanics, mount):
         if not mount.trusted:
-            mount.trust("a test")
+            mount.trust()
         if (await mount.reading()).parked:
             await mount.unpark()
         if Skill.TRACK in mount.skills:
