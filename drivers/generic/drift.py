@@ -8,7 +8,6 @@ was lost it isn't, and any of the rates in question may be in force until a read
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from datetime import datetime
 
@@ -16,6 +15,9 @@ from drivers.generic.coordinates import apart_arcsec
 from mountnav.clock import utc_now
 from mountnav.devices import OffsetRates, moved_on, offset_speed_arcsec_s
 from mountnav.sky.coordinates import Apparent, Icrs
+
+_NO_WAY_ARCSEC = 1e-6
+"""A shorter way (arcsec) is none: its square would be rounded to 0. Doubled or halved, nothing shows."""
 
 
 class Drift:
@@ -119,11 +121,9 @@ def _off_the_way_arcsec(
     end = moved_on(before, rates, elapsed_s)
     gone, left = apart_arcsec(before, after), apart_arcsec(after, end)
     length = apart_arcsec(before, end)
-    if length <= 0.0:
+    if length <= _NO_WAY_ARCSEC:
         return gone
     # the foot of the perpendicular, by the three sides: good where the way is short against a radian
     share = (gone * gone + length * length - left * left) / (2.0 * length * length)
-    if not math.isfinite(share):
-        return gone
     foot = moved_on(before, rates, elapsed_s * min(1.0, max(0.0, share)))
     return min(gone, left, apart_arcsec(foot, after))

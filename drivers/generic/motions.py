@@ -343,11 +343,8 @@ class Motions:
         if not session.drift.to_end:
             return None
         try:
-            if (await session.read()).tracking is False:
-                # the stop has switched tracking off: an order to track as for a star might begin that anew
-                session.drift.unknown()
-                return None
-            await end_rates(session)
+            # where the stop has switched tracking off, an order to track as for a star might begin it anew
+            await end_rates(session, begins_tracking=False)
         except DeviceError as trouble:
             return trouble
         return None

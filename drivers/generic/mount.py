@@ -231,7 +231,7 @@ class GenericMount:
             await self._axes.close()
             with contextlib.suppress(DeviceError):
                 if self._session.drift.ours:
-                    await end_rates(self._session)
+                    await end_rates(self._session, begins_tracking=False)
         await self._session.close()
 
     async def reading(self) -> MountReading:
@@ -388,11 +388,11 @@ class GenericMount:
         self._require_skill(Skill.MOVE_AXIS)
         await self._axes.move(axis, rate_deg_s)
 
-    async def _as_for_a_star(self, before: Readout) -> Readout:
+    async def _as_for_a_star(self, before: Readout, *, begins_tracking: bool = True) -> Readout:
         """End the offset rates before something else moves; a new reading if there were some."""
         if not self._session.drift.to_end:
             return before
-        await end_rates(self._session)
+        await end_rates(self._session, begins_tracking=begins_tracking)
         return await self._session.read()
 
     # -- park, home, tracking, guiding -------------------------------------------------------------
@@ -416,7 +416,7 @@ class GenericMount:
                 return SlewOutcome.ARRIVED
             with contextlib.suppress(DeviceRefused):
                 # one that doesn't end them may park all the same
-                before = await self._as_for_a_star(before)
+                before = await self._as_for_a_star(before, begins_tracking=False)
             return await self._motions.carry_out(
                 self.language.send_park, lambda now: now.parked, stops=stops, before=before
             )
@@ -491,7 +491,7 @@ class GenericMount:
         self._session.require_no_job()
         await self._session.ready()
         try:
-            await end_rates(self._session)
+            await end_rates(self._session, begins_tracking=on)
         except DeviceError:
             # that nothing can be told is no reason to go on tracking
             if on:

@@ -94,7 +94,8 @@ class Rates:
             session.require_trust("tracking at rates of its own")
             if before.parked:
                 raise parked("tracking at rates of its own", device=session.name)
-            if before.slewing:
+            # some say that they slew as long as they track at rates of their own
+            if before.slewing and not drift.may:
                 raise DeviceRefused(
                     "can't track at rates of its own: it slews", device=session.name, reason=Refusal.BUSY
                 )
@@ -113,7 +114,7 @@ class Rates:
             return self._same(told, rates) if had is None else not self._same(told, had)
 
         async def end() -> None:
-            await end_rates(session)
+            await end_rates(session, begins_tracking=True)
 
         lost: DeviceError | None = None
         went_out = False
@@ -122,7 +123,8 @@ class Rates:
                 self._refusals.checked("the offset rates", before, undo=end, ask=took),
                 session.ordering,
             ):
-                if session.stops == stops and session.links == links and session.job is None:
+                unmoved = session.job is None and not session.axes
+                if session.stops == stops and session.links == links and unmoved:
                     drift.going_out(rates)
                     went_out = True
                     await session.language.send_offset_rates(rates)
@@ -199,7 +201,7 @@ class Rates:
         said = f"accepted offset rates of {rates_text(rates)}, and says that it has {rates_text(told)}"
         if not told.none:
             try:
-                await end_rates(session)
+                await end_rates(session, begins_tracking=True)
                 said = f"{said}; they were ended"
             except DeviceError as trouble:
                 said = f"{said}; and they could not be ended: {trouble.what}"
@@ -228,8 +230,14 @@ async def said_rates(session: Session) -> OffsetRates | None:
     return told
 
 
-async def end_rates(session: Session) -> None:
+async def end_rates(session: Session, *, begins_tracking: bool) -> None:
     """End the rates that may be in force, and read back. Does nothing where there are none.
+
+    Parameters
+    ----------
+    begins_tracking : bool
+        Whether a mount that rests may be told, too: some begin to track when they are told a star's rates.
+        One that is not told keeps nothing in force, and is told before it moves again.
 
     Raises
     ------
@@ -241,6 +249,11 @@ async def end_rates(session: Session) -> None:
     drift = session.drift
     if not drift.to_end or Skill.OFFSET_RATES not in session.language.skills:
         return
+    if not begins_tracking:
+        now = await session.read()
+        if now.tracking is False or now.parked:
+            drift.unknown()
+            return
     loop = asyncio.get_running_loop()
     until = loop.time() + session.timing.start_grace_s + session.timing.poll_s
     async with session.ordering:

@@ -54,7 +54,7 @@ class Refusals:
         session, loop = self._session, asyncio.get_running_loop()
         until = loop.time() + session.timing.rest_s
         before = await self.before()
-        while before.slewing and not session.axes and loop.time() < until:
+        while before.slewing and not (session.axes or session.drift.may) and loop.time() < until:
             await pause(session.timing.soon_s)
             before = await session.read()
         return before

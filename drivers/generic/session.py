@@ -10,9 +10,9 @@ import asyncio
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from datetime import datetime
 
 from drivers.generic.comparison import compare, implausible
-from drivers.generic.coordinates import apart_arcsec
 from drivers.generic.drift import Drift
 from drivers.generic.language import Identity, Language, Readout
 from drivers.generic.link_supervisor import LinkSupervisor
@@ -81,11 +81,22 @@ class ConnectSettings:
 
 @dataclass(frozen=True, slots=True)
 class LateSync:
-    """A sync that was given up and may still show: its place, how near counts, and until when (loop time)."""
+    """A sync that was given up and may still show.
+
+    Attributes
+    ----------
+    near_arcsec : float
+        How near to its place counts.
+    until_s : float
+        Loop time.
+    utc : datetime
+        When it was sent.
+    """
 
     place: Apparent | Icrs
     near_arcsec: float
     until_s: float
+    utc: datetime
 
 
 class Session:
@@ -276,6 +287,11 @@ class Session:
             return []
         try:
             if drift.ours:
+                now = await language.readout()
+                if now.tracking is False or now.parked:
+                    # to be told a star's rates might set it going
+                    drift.unknown()
+                    return []
                 drift.going_out(STARS_RATES)
                 await language.send_offset_rates(STARS_RATES)
             found = await self.told_rates()
@@ -553,12 +569,16 @@ class Session:
         if asyncio.get_running_loop().time() > late.until_s:
             self.late_sync = None
             return False
-        off_arcsec = apart_arcsec(after.place, late.place)
+        # one that tracks at rates of its own has gone on since, from whenever it took the sync
+        since_s = max(0.0, (after.utc - late.utc).total_seconds())
+        off_arcsec = self.drift.beyond_arcsec(late.place, after.place, since_s)
         if off_arcsec > late.near_arcsec and self._took_elsewhere(before, after):
             self.late_sync = None
             self.went_elsewhere(off_arcsec)
             return True
-        if off_arcsec > late.near_arcsec or apart_arcsec(before.place, late.place) <= late.near_arcsec:
+        if off_arcsec > late.near_arcsec:
+            return False
+        if self.drift.beyond_arcsec(late.place, before.place, since_s) <= late.near_arcsec:
             return False
         self.late_sync = None
         self.emit("sync-late", {"miss_arcsec": round(off_arcsec, 1)})

@@ -149,7 +149,7 @@ async def sync(session: Session, refusals: Refusals, place: Apparent | Icrs) -> 
 
 
 def _late(place: Apparent | Icrs, near_arcsec: float) -> LateSync:
-    return LateSync(place, near_arcsec, asyncio.get_running_loop().time() + _LATE_FOR_S)
+    return LateSync(place, near_arcsec, asyncio.get_running_loop().time() + _LATE_FOR_S, utc_now())
 
 
 async def _read_until_seen(session: Session, read_back: SyncReadBack) -> SyncResult:

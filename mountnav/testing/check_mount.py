@@ -9,14 +9,28 @@ from datetime import UTC
 from typing import Any
 
 from mountnav.clock import utc_now
-from mountnav.devices import Direction, Mount, MountReading, Skill, Skilled, SlewOutcome, Trusts
-from mountnav.errors import BadRequest, DeviceRefused, Refusal
+from mountnav.devices import (
+    STARS_RATES,
+    Direction,
+    Mount,
+    MountReading,
+    OffsetRates,
+    Skill,
+    Skilled,
+    SlewOutcome,
+    Trusts,
+)
+from mountnav.errors import BadRequest, Busy, DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.tasks import waited_for
 
 __all__ = ["NonConforming", "check_mount", "check_skills"]
 
+RATE_ARCSEC_S = 5.0
+"""Offset rate that is tried, ″/s, unless the mount takes less. Doubled or halved, nothing shows."""
+AXIS_DEG_S = 0.2
+"""Speed of an axis that is tried, °/s, or the nearest one. Doubled, it goes twice as far in the try."""
 STOP_ON_WIRE_S = 0.1
 """A stop must be on the wire so soon, s, whatever else goes on: at 5°/s that is half a degree. Doubled, a
 stop that queues behind a question of 0.15 s would pass."""
@@ -29,9 +43,9 @@ class NonConforming(AssertionError):
 async def check_mount(mount: Mount, *, step_deg: float = 1.0) -> None:
     """Check an opened mount: reading, small slew and back, sync and its undoing, stop, wrong kind of place.
 
-    A mount that is `Skilled` is also parked and unparked, and its tracking switched off and on, where it says
-    it can; one that `Trusts` must do so after connecting, or be trusted before. A mount with a `wire_log` is
-    checked for a stop on the wire within 100 ms.
+    A mount that is `Skilled` is also parked and unparked, its tracking switched off and on, told offset
+    rates, and moved by its axes, where it says it can; one that `Trusts` must do so after connecting, or be
+    trusted before. A mount with a `wire_log` is checked for a stop on the wire within 100 ms.
 
     Parameters
     ----------
@@ -184,6 +198,8 @@ async def check_skills(mount: Any) -> None:
         )
     else:
         await _must_refuse(mount.guide(Direction.NORTH, 0.1), "a guide pulse")
+    await _check_rates(mount)
+    await _check_axes(mount)
     if {Skill.PARK, Skill.UNPARK} <= mount.skills:
         outcome = await mount.park()
         _demand(outcome is SlewOutcome.ARRIVED, f"parking ended as {outcome}")
@@ -195,6 +211,63 @@ async def check_skills(mount: Any) -> None:
         _demand((await mount.reading()).parked is not True, "it says it is parked after unparking")
     elif Skill.PARK not in mount.skills:
         await _must_refuse(mount.park(), "parking")
+
+
+async def _check_rates(mount: Any) -> None:
+    """Offset rates are taken, told where they can be, ended, and refused where they are too fast."""
+    if Skill.OFFSET_RATES not in mount.skills:
+        if hasattr(mount, "set_offset_rates"):
+            await _must_refuse(mount.set_offset_rates(OffsetRates(1.0, 0.0)), "offset rates")
+        return
+    most = mount.most_offset_arcsec_s or OffsetRates(RATE_ARCSEC_S, RATE_ARCSEC_S)
+    rates = OffsetRates(min(RATE_ARCSEC_S, most.ra_arcsec_s), -min(RATE_ARCSEC_S, most.dec_arcsec_s))
+    await mount.set_offset_rates(rates)
+    told = await mount.offset_rates()
+    step = 0.01 + getattr(mount, "offset_step_arcsec_s", 0.0)
+    _demand(
+        told is None
+        or max(abs(told.ra_arcsec_s - rates.ra_arcsec_s), abs(told.dec_arcsec_s - rates.dec_arcsec_s))
+        <= step,
+        f"ordered {rates}, it says {told}",
+    )
+    if mount.most_offset_arcsec_s is not None:
+        fast = OffsetRates(2.0 * most.ra_arcsec_s + 1.0, 0.0)
+        await _must_refuse(mount.set_offset_rates(fast), "a rate that is too fast")
+    await mount.set_offset_rates(STARS_RATES)
+    told = await mount.offset_rates()
+    _demand(
+        told is None or max(abs(told.ra_arcsec_s), abs(told.dec_arcsec_s)) <= step, f"ended, it says {told}"
+    )
+
+
+async def _check_axes(mount: Any) -> None:
+    """An axis moves until it is told to end; meanwhile nothing else begins, and a stop ends it too."""
+    if Skill.MOVE_AXIS not in mount.skills:
+        if hasattr(mount, "move_axis"):
+            await _must_refuse(mount.move_axis("primary", 0.1), "a moved axis")
+        return
+    for axis, spans in mount.axis_rates_deg_s.items():
+        speeds = [min(max(AXIS_DEG_S, span.least_deg_s), span.most_deg_s) for span in spans]
+        speed = min(speeds, key=lambda one: abs(one - AXIS_DEG_S), default=0.0)
+        if not 0.0 < speed <= 1.0:
+            continue
+        place = (await mount.reading()).place
+        await mount.move_axis(axis, -speed)
+        try:
+            await mount.slew(place)
+        except Busy:
+            pass
+        else:
+            raise NonConforming(f"it was slewed while its {axis} axis was moved")
+        await mount.move_axis(axis, 0.0)
+        await mount.move_axis(axis, speed)
+        await mount.stop()
+        before = await mount.reading()
+        await asyncio.sleep(0.5)
+        moved_arcsec = _apart_arcsec((await mount.reading()).place, before.place)
+        _demand(
+            moved_arcsec <= 30.0 + 2.0 * mount.resolution_arcsec, f"its {axis} axis goes on after the stop"
+        )
 
 
 async def _must_refuse(order: Awaitable[object], what: str) -> None:

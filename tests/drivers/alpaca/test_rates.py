@@ -7,6 +7,7 @@ import asyncio
 import pytest
 
 from drivers.registry import open_mount
+from mountnav.clock import utc_now
 from mountnav.devices import (
     STARS_RATES,
     MountAxis,
@@ -19,6 +20,7 @@ from mountnav.devices import (
 )
 from mountnav.errors import BadRequest, BadSettings, DeviceRefused, DeviceSilent, Refusal, RefusedButDone
 from mountnav.simulation.mechanics import Machine, Mechanics
+from mountnav.sky.sphere import half_turn_deg
 from tests.drivers.alpaca.alpaca_server import FakeTelescope, quick_mechanics
 from tests.drivers.alpaca.test_language import Rig, rigged
 
@@ -27,13 +29,14 @@ FAST = OffsetRates(45.0, -30.0)
 
 
 async def _measured(rig: Rig, seconds: float = 1.0) -> tuple[float, float]:
-    """Rates in right ascension and declination by two readings, ″/s."""
-    before = await rig.mount.reading()
+    """Rates in right ascension and declination, ″/s, of what the mechanics believe at two instants."""
+    mechanics, began = rig.telescope.mechanics, utc_now()
     await asyncio.sleep(seconds)
-    after = await rig.mount.reading()
-    took_s = (after.utc - before.utc).total_seconds()
-    turned_deg = (after.place.ra_deg - before.place.ra_deg + 180.0) % 360.0 - 180.0
-    return 3600.0 * turned_deg / took_s, 3600.0 * (after.place.dec_deg - before.place.dec_deg) / took_s
+    ended = utc_now()
+    before, after = mechanics.reported(began), mechanics.reported(ended)
+    took_s = (ended - began).total_seconds()
+    turned_deg = half_turn_deg(after.ra_deg - before.ra_deg)
+    return 3600.0 * turned_deg / took_s, 3600.0 * (after.dec_deg - before.dec_deg) / took_s
 
 
 def _believes(mechanics: Mechanics) -> tuple[float, float]:
@@ -47,7 +50,7 @@ async def test_it_takes_both_rates_in_alpacas_units(version: int) -> None:
         await rig.mount.set_offset_rates(FAST)
         assert rig.telescope.rates[0] == pytest.approx(45.0 / 15.0 * 0.9972695677, rel=1e-8)
         assert rig.telescope.rates[1] == -30.0
-        assert await _measured(rig) == pytest.approx((45.0, -30.0), abs=2.5)
+        assert await _measured(rig) == pytest.approx((45.0, -30.0), abs=0.1)
         told = await rig.mount.offset_rates()
         assert told is not None
         assert (told.ra_arcsec_s, told.dec_arcsec_s) == pytest.approx((45.0, -30.0), abs=1e-6)
@@ -300,3 +303,32 @@ async def test_a_silent_server_leaves_rates_unknown() -> None:
             await rig.mount.set_offset_rates(COMET)
         assert rig.mount.rates_known is None
         rig.server.faults.clear()
+
+
+async def test_another_client_sees_the_units_that_we_do() -> None:
+    """alpyca, of ASCOM's makers, beside ours: what one sets the other reads, and the axis turns so."""
+    alpaca = pytest.importorskip("alpaca.telescope", reason="alpyca is not installed")
+    async with rigged() as rig:
+        host = f"127.0.0.1:{rig.server.port}"
+
+        def by_alpyca() -> tuple[float, float]:
+            other = alpaca.Telescope(host, 0)
+            told = other.RightAscensionRate, other.DeclinationRate
+            other.RightAscensionRate, other.DeclinationRate = -1.0, 2.5
+            return told
+
+        await rig.mount.set_offset_rates(OffsetRates(15.0, -1.0))
+        told = await asyncio.to_thread(by_alpyca)
+        assert told == pytest.approx((0.9972695677, -1.0), rel=1e-8)
+        ours = await rig.mount.offset_rates()
+        assert ours is not None
+        assert (ours.ra_arcsec_s, ours.dec_arcsec_s) == pytest.approx((-15.041067, 2.5), abs=1e-5)
+        # that they were another's is known from now on
+        assert rig.mount.rates_known == ours
+        spans = await asyncio.to_thread(
+            lambda: [
+                (one.Minimum, one.Maximum)
+                for one in alpaca.Telescope(host, 0).AxisRates(alpaca.TelescopeAxes(0))
+            ]
+        )
+        assert [(one.least_deg_s, one.most_deg_s) for one in rig.mount.axis_rates_deg_s["primary"]] == spans

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import math
+from dataclasses import replace
 
 import pytest
 
+from drivers.generic.language import Readout
 from mountnav.clock import utc_now
 from mountnav.devices import (
     STARS_RATES,
@@ -487,3 +489,43 @@ async def test_a_link_that_breaks_on_the_way_is_told() -> None:
         with pytest.raises(DeviceMissing):
             await rig.mount.set_offset_rates(COMET)
         assert rig.mount.rates_known is None
+
+
+@pytest.mark.parametrize("how", ["close", "lost", "park", "rest"])
+async def test_one_that_has_come_to_rest_is_not_told_to_track_as_for_a_star(how: str) -> None:
+    """Some mounts begin to track when they are told a star's rates: not one that was left at rest."""
+    async with rigged() as rig:
+        await rig.mount.set_offset_rates(FAST)
+        # by its own key, say
+        rig.language.mechanics.tracking = False
+        await rig.mount.reading()
+        if how == "close":
+            await rig.mount.close()
+        elif how == "park":
+            await rig.mount.park()
+        elif how == "rest":
+            await rig.mount.set_tracking(False)
+        else:
+            rig.language.lose()
+            await rig.until(lambda: rig.heard("link-back"))
+        assert len(_sent(rig)) == 1
+        if how == "lost":
+            # before it moves again it is told
+            rig.mount.trust()
+            assert await rig.mount.slew(await rig.beside(1.0, 1.0)) is SlewOutcome.ARRIVED
+            assert _sent(rig)[-1] == "rates 0 0"
+
+
+async def test_one_that_says_it_slews_while_it_follows_takes_new_rates() -> None:
+    async with rigged() as rig:
+        await rig.mount.set_offset_rates(FAST)
+        readout = rig.language.readout
+
+        async def slewing() -> Readout:
+            return replace(await readout(), slewing=True)
+
+        rig.language.readout = slewing  # type: ignore[method-assign]
+        await rig.mount.reading()
+        await rig.mount.set_offset_rates(COMET)
+        assert _same(rig.mount.rates_known, COMET)
+        rig.language.readout = readout  # type: ignore[method-assign]

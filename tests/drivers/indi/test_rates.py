@@ -64,11 +64,12 @@ async def _measured(mount: GenericMount, seconds: float = 2.0) -> tuple[float, f
 
 
 async def _truly(mechanics: Mechanics, seconds: float = 1.0) -> tuple[float, float]:
-    """The same of what the fake believes."""
-    loop = asyncio.get_running_loop()
-    before, began = mechanics.reported(), loop.time()
+    """The same of what the fake believes at two instants."""
+    began = utc_now()
     await asyncio.sleep(seconds)
-    after, took_s = mechanics.reported(), loop.time() - began
+    ended = utc_now()
+    before, after = mechanics.reported(began), mechanics.reported(ended)
+    took_s = (ended - began).total_seconds()
     turned_deg = half_turn_deg(after.ra_deg - before.ra_deg)
     return 3600.0 * turned_deg / took_s, 3600.0 * (after.dec_deg - before.dec_deg) / took_s
 
