@@ -15,14 +15,17 @@ import hashlib
 import json
 import logging
 import os
+import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Collection
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from api.observatory.dead_man_process import HELD_UP
 from mountnav.clock import utc_now
 from mountnav.errors import DeviceRefused
 from mountnav.files import cache_folder, make_private_folder, open_lock, read_text
@@ -36,6 +39,10 @@ _WAITS_S = 30.0
 service waits twice as long for a guard that hangs; then it opens the mount all the same."""
 _LOOK_S = 0.2
 """How often it is looked whether the guard has let it go, s."""
+_ENDS_WITHIN_S = 2.0
+"""A guard without work ends in this time, s. Doubled, a service whose guard has work ends so much later."""
+_at_work: list[subprocess.Popen[bytes]] = []
+"""Guards that this process leaves at their work."""
 _ZERO_ARCSEC_S = 5e-4
 """Rates below this are none for the guard, ″/s; see `mountnav.mount.offset_rates`."""
 
@@ -63,6 +70,8 @@ class MountGuard:
         self._report_file = folder / f"{name}.jsonl"
         self._process: subprocess.Popen[bytes] | None = None
         self._link: socket.socket | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._armed: tuple[float, list[SelfActing]] | None = None
         self._lock: int | None = None
 
     @property
@@ -82,33 +91,58 @@ class MountGuard:
             It can't be started, or takes no orders.
         """
         left_s = (until_utc - utc_now()).total_seconds()
-        order = {"arm": max(left_s, 0.0), "what": sorted(what)}
+        self._order(time.monotonic() + left_s, sorted(what))
+
+    def _order(self, until_s: float, what: list[SelfActing]) -> None:
+        order = {"arm": max(until_s - time.monotonic(), 0.0), "what": what}
         if self.pid is None:
             self._start()
         try:
             self._say(order)
         except OSError:
             # it has died since, or hangs: another one
-            self._drop()
             self._start()
             try:
                 self._say(order)
             except OSError as error:
                 self._drop()
                 raise self._no_guard(error) from error
+        self._armed = until_s, what
 
     def disarm(self) -> None:
         """Nothing goes on by itself any more."""
+        self._armed = None
         self._say_if_it_lives({"disarm": True})
 
     def take_over(self) -> None:
         """The mount is let go without having been ended."""
         self._say_if_it_lives({"take_over": True})
+        # what it does from now on is its own
+        self._armed = None
 
-    def close(self) -> None:
-        """End it, unless it has work: then it ends by itself after that. Twice is fine."""
+    def _ended(self) -> None:
+        """Its process has ended by itself: while it is needed there has to be another one."""
+        armed = self._armed
+        self._drop()
+        if armed is None:
+            return
+        _log.warning("%s: the guard has died: another one is started", self._telescope)
+        try:
+            self._order(*armed)
+        except DeviceRefused as error:
+            _log.error("%s: nobody would end what goes on if the service died: %s", self._telescope, error)
+
+    async def close(self) -> None:
+        """End it; one that has work ends by itself after that. Twice is fine."""
+        self._armed = None
         self._say_if_it_lives({"end": True})
+        process = self._process
         self._drop(kill=False)
+        if process is not None:
+            try:
+                await asyncio.to_thread(process.wait, _ENDS_WITHIN_S)
+            except subprocess.TimeoutExpired:
+                _at_work.append(process)
 
     def _no_guard(self, error: OSError) -> DeviceRefused:
         return DeviceRefused(
@@ -134,6 +168,10 @@ class MountGuard:
         finally:
             theirs.close()
         self._link = ours
+        with contextlib.suppress(RuntimeError):
+            self._loop = asyncio.get_running_loop()
+            # it says nothing: what can be read is its end
+            self._loop.add_reader(ours, self._ended)
         site = self._site
         try:
             self._say(
@@ -169,6 +207,9 @@ class MountGuard:
     def _drop(self, *, kill: bool = True) -> None:
         """Let its process go."""
         link, self._link = self._link, None
+        loop, self._loop = self._loop, None
+        if link is not None and loop is not None and not loop.is_closed():
+            loop.remove_reader(link)
         process, self._process = self._process, None
         if process is not None and kill and process.poll() is None:
             process.kill()
@@ -246,12 +287,17 @@ def _spawned(link: int) -> subprocess.Popen[bytes]:
     environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         environment.setdefault(name, "1")
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", "api.observatory.dead_man_process", str(link)],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        pass_fds=[link],
-        env=environment,
-        # what ends the service's group must not end its guard
-        start_new_session=True,
-    )
+    # a signal that comes before it has its handlers must not end it: it inherits this thread's mask
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, HELD_UP)
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-P", "-m", "api.observatory.dead_man_process", str(link)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            pass_fds=[link],
+            env=environment,
+            # what ends the service's group must not end its guard
+            start_new_session=True,
+        )
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -53,6 +53,8 @@ _MOST_BYTES = 65_536
 _ENDING_S = 20.0
 """Asked to end (SIGTERM) while it tries, it does so for so long yet, s: systemd kills after 30 s (deploy).
 Doubled, it is killed before it has written what became of it."""
+HELD_UP = frozenset({signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
+"""Signals that it is started without, until it has its handlers."""
 
 
 class Guard:
@@ -146,7 +148,8 @@ class Guard:
                     except Exception as error:  # whatever it is, it is tried again
                         trouble = f"{type(error).__name__}: {error}"
                         self._log(f"try {tries}: {trouble}")
-            asked = self.ending_s is not None and time.monotonic() > self.ending_s + _ENDING_S
+            asked_s = self.ending_s
+            asked = asked_s is not None and time.monotonic() > max(asked_s, began_s) + _ENDING_S
             if not outcome and (asked or time.monotonic() - began_s > _GIVES_UP_S):
                 outcome = "given up"
             if outcome:
@@ -276,6 +279,7 @@ def main() -> None:
     # a terminal's are for the service
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE):
         signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, HELD_UP)
     guard.run()
 
 

@@ -175,7 +175,7 @@ class Telescope:
             await self._release()
         self.is_open = False
         if self.dead_man is not None:
-            self.dead_man.close()
+            await self.dead_man.close()
         if self.bench is not None:
             await asyncio.to_thread(self.bench.stop)
 

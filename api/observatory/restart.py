@@ -13,7 +13,7 @@ from mountnav.journal.reading import COMMAND, JournalReader, Wanted
 from mountnav.journal.records import CommandRecord, Entry, EntryKind, Outcome
 from mountnav.journal.restart import acknowledge, take_up
 from mountnav.journal.sql_journal import SqlJournal
-from mountnav.mount import CheckedMount, SelfActing, left_going
+from mountnav.mount import CheckedMount, LeftGoing, SelfActing, left_going
 from mountnav.mount.pier_side import SIDE_PROVEN
 from mountnav.mount.trust import ACCEPTED, ADVICE, LastSeen, seen_of
 from mountnav.navigation.rates_kept import RATES_KEPT, RatesKept
@@ -109,7 +109,7 @@ class Restart:
 
     async def _meet_again(self, mount: CheckedMount) -> None:
         """Trust the mount no more than the last run did, and not if it stands elsewhere than it was left."""
-        last, in_flight, left = None, list[CommandRecord](), dict[SelfActing, str]()
+        last, in_flight, left = None, list[CommandRecord](), dict[SelfActing, LeftGoing]()
         if self._outlives:
             reader, own = self._journal.reader, self._journal.run_id
             await self._tell_of_guards()
@@ -122,7 +122,7 @@ class Restart:
         if why is not None:
             self.distrust = f"its position can't be trusted: {why}. Let it look (recover), or home it"
 
-    def _left(self) -> dict[SelfActing, str]:
+    def _left(self) -> dict[SelfActing, LeftGoing]:
         """What an earlier run has left going."""
         reader, own = self._journal.reader, self._journal.run_id
         rates, axes = (

@@ -20,7 +20,7 @@ along ``path_ahead``) and axes moved by hand (``moved_axes``). ``ending`` ends t
 protocol of who does it when the service is dead.
 """
 
-from mountnav.mount.dead_man import Deadman, SelfActing, left_going
+from mountnav.mount.dead_man import Deadman, LeftGoing, SelfActing, left_going
 from mountnav.mount.following_policy import FollowingPolicy, OnLoss
 from mountnav.mount.mount import CheckedMount
 from mountnav.mount.mount_state import Listener
@@ -31,6 +31,7 @@ __all__ = [
     "CheckedMount",
     "Deadman",
     "FollowingPolicy",
+    "LeftGoing",
     "Listener",
     "OnLoss",
     "RatesInForce",

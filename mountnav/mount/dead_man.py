@@ -6,10 +6,14 @@ orders nothing any more, so a guard outside of it has to (`api.observatory.dead_
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal, Protocol
 
+from mountnav.errors import DeviceError
 from mountnav.journal.records import CommandEnd, CommandRecord, Outcome
 
 SelfActing = Literal["offset-rates", "move-axis"]
@@ -40,13 +44,33 @@ class Deadman(Protocol):
         ...
 
 
+LEFT_S = 600.0
+"""What an earlier run has left is this one's for so long, s: then the guard tries as well. Chosen by hand: a
+mount that takes ten minutes to answer is rather one that only another process can reach. Doubled, it waits
+longer."""
+
 Row = tuple[CommandRecord, CommandEnd | None]
 
 _NEVER_OUT = frozenset({Outcome.REFUSED, Outcome.NOT_SENT})
 """Outcomes of orders that changed nothing."""
 
 
-def left_going(rates: Sequence[Row], axes: Sequence[Row]) -> dict[SelfActing, str]:
+@dataclass(frozen=True, slots=True)
+class LeftGoing:
+    """Something that an earlier run of the service has left going.
+
+    Attributes
+    ----------
+    words : str
+    speed_deg_s : float
+        How fast it leads the mount away from where it was seen, at most.
+    """
+
+    words: str
+    speed_deg_s: float
+
+
+def left_going(rates: Sequence[Row], axes: Sequence[Row]) -> dict[SelfActing, LeftGoing]:
     """What an earlier run of the service has left going at a mount, by its journal, with what is known of it.
 
     Parameters
@@ -54,24 +78,31 @@ def left_going(rates: Sequence[Row], axes: Sequence[Row]) -> dict[SelfActing, st
     rates, axes : sequence of (CommandRecord, CommandEnd or None)
         The latest orders "offset-rates" and "move-axis", the latest first.
     """
-    left: dict[SelfActing, str] = {}
+    left: dict[SelfActing, LeftGoing] = {}
     known = next((row for row in rates if _tells(row, ("ra_arcsec_s", "dec_arcsec_s"))), None)
     if known is not None and not _over(known, ("ra_arcsec_s", "dec_arcsec_s")):
         facts = known[0].facts
-        left["offset-rates"] = (
-            f"rates of {facts.get('ra_arcsec_s')} and {facts.get('dec_arcsec_s')} ″/s were in force that "
-            f"were ordered at {known[0].utc:%H:%M:%S} UTC"
+        both = [_number(facts.get(name)) for name in ("ra_arcsec_s", "dec_arcsec_s")]
+        left["offset-rates"] = LeftGoing(
+            f"rates of {both[0]:g} and {both[1]:g} ″/s were in force that were ordered at "
+            f"{known[0].utc:%H:%M:%S} UTC",
+            math.hypot(*both) / 3600.0,
         )
     for axis in dict.fromkeys(str(row[0].facts.get("axis")) for row in axes):
         moved = next(
             (row for row in axes if row[0].facts.get("axis") == axis and _tells(row, ("rate_deg_s",))), None
         )
         if moved is not None and not _over(moved, ("rate_deg_s",)):
-            left["move-axis"] = (
-                f"its {axis} axis was moved at {moved[0].facts.get('rate_deg_s')}°/s, by an order of "
-                f"{moved[0].utc:%H:%M:%S} UTC"
+            speed = _number(moved[0].facts.get("rate_deg_s"))
+            left["move-axis"] = LeftGoing(
+                f"its {axis} axis was moved at {speed:g}°/s, by an order of {moved[0].utc:%H:%M:%S} UTC",
+                abs(speed),
             )
     return left
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else 0.0
 
 
 def _none(facts: Mapping[str, object], names: Sequence[str]) -> bool:
@@ -120,7 +151,8 @@ class Armed:
         if self._until.pop(what, None) is None:
             return
         if self._until:
-            self._guard.arm(max(self._until.values()), self._until)
+            with suppress(DeviceError):  # it was armed for both
+                self._guard.arm(max(self._until.values()), self._until)
         else:
             self._guard.disarm()
 

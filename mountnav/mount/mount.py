@@ -27,9 +27,9 @@ from mountnav.devices import (
     TrackingRate,
     skills_of,
 )
-from mountnav.errors import Busy, DeviceError, MountnavError
+from mountnav.errors import Busy, MountnavError
 from mountnav.journal.records import CommandRecord, EntryKind, Journal, Order, Outcome, Unwritten, because
-from mountnav.mount.dead_man import Armed, Deadman, NoGuard, SelfActing
+from mountnav.mount.dead_man import Armed, Deadman, LeftGoing, NoGuard, SelfActing
 from mountnav.mount.following_policy import FollowingPolicy, OnLoss
 from mountnav.mount.kill_points import kill_point
 from mountnav.mount.limits_guard import LimitsGuard
@@ -267,7 +267,7 @@ class CheckedMount:
         self,
         last: LastSeen | None,
         in_flight: Sequence[CommandRecord],
-        left: Mapping[SelfActing, str] | None = None,
+        left: Mapping[SelfActing, LeftGoing] | None = None,
     ) -> str | None:
         """Take it up as an earlier run of the service left it; from now on what is seen is written down.
 
@@ -278,7 +278,7 @@ class CheckedMount:
         in_flight : sequence of CommandRecord
             Orders of earlier runs that were begun and never closed.
         left : mapping, optional
-            What an earlier run has left going, in words: it is ended first thing, and that is told.
+            What an earlier run has left going: it is ended first thing, and that is told.
 
         Returns
         -------
@@ -290,7 +290,8 @@ class CheckedMount:
         DeviceError
             It can't be read: to be called again.
         """
-        for what, words in (left or {}).items():
+        for what, one in (left or {}).items():
+            words = one.words
             facts: dict[str, object] = {"what": what, "why": words}
             self._book.note_now(EntryKind.FAULT, f"the service ended without having ended it: {words}", facts)
             self._state.tell("left-going", facts)
@@ -298,7 +299,8 @@ class CheckedMount:
             # what can't be ended at once is tried on
             with suppress(MountnavError):
                 await room.take_up(f"left by an earlier run of the service: {words}")
-        return self._memory.take_up(last, in_flight, await self.reading())
+        fastest_deg_s = max((one.speed_deg_s for one in (left or {}).values()), default=0.0)
+        return self._memory.take_up(last, in_flight, await self.reading(), fastest_deg_s)
 
     def trust(self) -> None:
         """An operator's word that the position is right."""
@@ -591,8 +593,9 @@ class CheckedMount:
         if on:
             await self._rates.before("track")
         else:
+            self._rates.rests = True
             # it may be to stop at a limit: what can't be ended is tried on meanwhile
-            with suppress(DeviceError):
+            with suppress(MountnavError):
                 await self._rates.end("its tracking is switched off")
         await self._brief.give("track", lambda mount: mount.set_tracking(on, rate), facts=facts, follows=on)
         if on:
@@ -735,6 +738,7 @@ class CheckedMount:
 
     async def _stop_and_rest(self, why: str) -> None:
         """Stop it, and end its tracking: what goes on by itself moves nothing then."""
+        self._rates.rests = True
         with because(why=why):
             await self.stop()
             await self._tracking_off(why)

@@ -29,7 +29,7 @@ from mountnav.errors import (
     OutsideLimits,
 )
 from mountnav.journal.records import EntryKind, Outcome
-from mountnav.mount.dead_man import Armed
+from mountnav.mount.dead_man import LEFT_S, Armed
 from mountnav.mount.ending import Ending
 from mountnav.mount.following_policy import FollowingPolicy
 from mountnav.mount.kill_points import kill_point
@@ -384,6 +384,8 @@ class AxisOrders:
             for axis in _AXES:
                 # how fast isn't known any more: both are seen at rest
                 self._moved.setdefault(axis, _Moved(self._policy.most_axis_deg_s, math.inf))
+            with contextlib.suppress(DeviceError):  # they move already, guard or none
+                self._armed.need(_NAME, self._clock.utc() + timedelta(seconds=LEFT_S))
             await self.ending.now(why)
 
     async def _end_once(self, why: str) -> None:

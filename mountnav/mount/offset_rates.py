@@ -42,7 +42,7 @@ from mountnav.errors import (
     Refusal,
 )
 from mountnav.journal.records import EntryKind, Outcome
-from mountnav.mount.dead_man import Armed
+from mountnav.mount.dead_man import LEFT_S, Armed
 from mountnav.mount.ending import Ending
 from mountnav.mount.following_policy import FollowingPolicy
 from mountnav.mount.kill_points import kill_point
@@ -138,6 +138,9 @@ class RateOrders:
         self._wire = asyncio.Lock()
         self._timer: asyncio.Task[None] | None = None
         self._owed = False
+        self._moves = 0
+        self.rests = False
+        """Whether it was told to stand still: the end of its rates must not have it track."""
         self.in_force: RatesInForce | None = None
         self.ending = Ending(
             _NAME,
@@ -164,7 +167,7 @@ class RateOrders:
         if rates.none:
             await self.end("none were ordered")
             return
-        stops = self._sender.stops
+        stops, moves = self._sender.stops, self._moves
         mount = await self._skilled()
         await self._admission.require_free(_NAME)
         before = await self._admission.ready(_NAME)
@@ -176,6 +179,10 @@ class RateOrders:
             raise
         async with self._wire:
             await self._admission.require_free(_NAME)
+            if self._moves != moves:
+                moved = Busy("it was moved meanwhile", device=self._mount.name, advice="order them again")
+                await self._sender.refused(_NAME, moved, before)
+                raise moved
             await self._sent(mount, ahead, before, stops)
         if self._sender.stops != stops:
             # the mount took them after the stop
@@ -227,6 +234,7 @@ class RateOrders:
             if sent:
                 self.ending.begin("whether the mount took them isn't known")
             raise
+        self.rests = False
         self.in_force = RatesInForce(wanted, self._clock.utc(), ends_utc)
         self._guard.following = ahead
         self._count_down()
@@ -329,6 +337,8 @@ class RateOrders:
 
     async def before(self, order: str) -> None:
         """End them before an order that they must not outlive. Raises as `end`, but never before a park."""
+        self._moves += 1
+        self.rests = False
         try:
             await self.end(f"an order to {order}")
         except DeviceError:
@@ -339,13 +349,9 @@ class RateOrders:
         """A stop was sent: end them too. Never raises a `MountnavError`: what fails is tried on."""
         if not self._owed:
             return
-        tracked = await self._tracks()
+        self.rests = self.rests or await self._tracks() is False
         with contextlib.suppress(MountnavError):
             await self.end("a stop")
-        if tracked is False and await self._tracks():
-            # it takes their end for an order to track
-            with contextlib.suppress(MountnavError):
-                await self._rest()
 
     async def _tracks(self) -> bool | None:
         try:
@@ -369,10 +375,20 @@ class RateOrders:
         """An earlier run of the service has left rates in force: end them. Raises as `end`."""
         if Skill.OFFSET_RATES in skills_of(self._mount) and isinstance(self._mount, TakesOffsetRates):
             self._owed = True
+            with contextlib.suppress(DeviceError):  # they are in force already, guard or none
+                self._armed.need(_NAME, self._clock.utc() + timedelta(seconds=LEFT_S))
             await self.ending.now(why)
 
     async def _end_once(self, why: str) -> None:
         """End them and see that they have. Raises a `MountnavError` if not."""
+        if not self._owed:
+            return
+        await self._told_to_end(why)
+        if self.rests and await self._tracks():
+            # it takes their end for an order to track
+            await self._rest()
+
+    async def _told_to_end(self, why: str) -> None:
         async with self._wire:
             if not self._owed:
                 return

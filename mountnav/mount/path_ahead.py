@@ -15,6 +15,8 @@ from mountnav.devices import MountReading, OffsetRates, PierSide, from_mount, mo
 from mountnav.errors import BadRequest
 from mountnav.pointing.limits import Limits, Mounting, Reached
 from mountnav.pointing.limits.along import Path, reached_along
+from mountnav.pointing.limits.postures import side_by_rule
+from mountnav.sky.chain import icrs_to_hour_angle
 from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 
@@ -29,8 +31,9 @@ away from a limit may be stopped before it."""
 _OFF_DEG = 5.0
 """A path so far from where the mount stands, °, is not of the target that it follows. Chosen by hand: more
 than any pointing error that is trusted. Doubled, a path of something else may pass."""
-_IN_THREAD_S = 1800.0
-"""A longer path is looked at in a thread, s: it takes more than 10 ms, and a stop waits for nothing."""
+_IN_THREAD_S = 60.0
+"""A longer path is looked at in a thread, s: one of a satellite takes a tenth of a second, and a stop waits
+for nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +72,21 @@ class PathAhead:
     ) -> None:
         self._site, self._air, self._mounting = site, air, mounting
         self.rates, self.ends_utc, self.path = rates, ends_utc, path
-        known = before is not None and path is not None and before.path is path
+        # == : a method is made anew each time it is asked for
+        known = before is not None and path is not None and before.path == path
         self._far: dict[PierSide | None, _Far] = dict(before._far) if known and before is not None else {}
+        self._assumed = None if before is None else before._assumed
+        self._star: Icrs | None = None
+        """Where it tracks as for a star after the end, by the path."""
+
+    def _hanging(self, side: PierSide | None, reading: MountReading) -> PierSide | None:
+        """The side to reckon with: one that isn't known stays what it usually was when it began to follow."""
+        if side in (PierSide.EAST, PierSide.WEST) or self._mounting != "german":
+            return side
+        if self._assumed is None:
+            here = icrs_to_hour_angle(from_mount(reading.place), reading.utc, self._site, self._air)
+            self._assumed = side_by_rule(here.ha_deg)
+        return self._assumed
 
     def leads(self, reading: MountReading) -> Path:
         """Where the rates lead from where the mount stands, until they end."""
@@ -104,9 +120,10 @@ class PathAhead:
                     f"the target's path is {off_deg:.1f}° from where the mount stands",
                     advice="slew there first",
                 )
+            self._star = self.path(self.ends_utc)
         within_s = (self.ends_utc - utc).total_seconds()
         first: tuple[Reached, datetime] | None = None
-        for side in dict.fromkeys(sides):
+        for side in dict.fromkeys(self._hanging(side, reading) for side in sides):
             found = await self._looked_at(limits, path, side, utc, within_s)
             if found is not None and (first is None or found[1] < first[1]):
                 first = found
@@ -145,6 +162,7 @@ class PathAhead:
         self, limits: Limits, reading: MountReading, side: PierSide | None, within_s: float
     ) -> Reached | None:
         """Which limit following from where the mount stands reaches first, and when."""
+        side = self._hanging(side, reading)
         speed_deg_s = offset_speed_arcsec_s(self.rates, reading.place.dec_deg) / 3600.0
         near_s = min(_NEAR_S, max(_LEAST_NEAR_S, _STRAIGHT_DEG / max(speed_deg_s, 1e-9)), within_s)
         found = reached_along(
@@ -167,9 +185,8 @@ class PathAhead:
         if left_s >= within_s:
             return None
         # then it tracks as for a star
-        star = (self.path or self.leads(reading))(self.ends_utc)
         later = limits.reached(
-            star,
+            self._star or self.leads(reading)(self.ends_utc),
             max(self.ends_utc, reading.utc),
             self._site,
             self._air,

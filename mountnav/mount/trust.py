@@ -45,6 +45,9 @@ _WRITTEN_DEG = 0.1
 fifth of `ELSEWHERE_DEG`. Doubled, a next start compares with a place that is staler; halved, a mount that
 drifts is written twice as often."""
 
+_LED = 1.25
+"""Rates may have been changed, and a mount be faster than it was told, since it was seen last. Chosen by
+hand. Doubled, one that was moved by hand as far as it had followed counts as one that has followed."""
 _MOVING = frozenset({"slew", "sync", "park", "home", "guide"})
 
 
@@ -131,7 +134,12 @@ def strayed_deg(last: LastSeen, now: MountReading, site: Site, air: Air) -> floa
 
 
 def why_not_to_trust(
-    last: LastSeen, in_flight: Sequence[CommandRecord], now: MountReading, site: Site, air: Air
+    last: LastSeen,
+    in_flight: Sequence[CommandRecord],
+    now: MountReading,
+    site: Site,
+    air: Air,
+    led_deg_s: float = 0.0,
 ) -> str | None:
     """Why a mount that is met again must not be trusted by its own word; None if nothing speaks against it.
 
@@ -139,6 +147,9 @@ def why_not_to_trust(
     ----------
     in_flight : sequence of CommandRecord
         What was begun and never closed.
+    led_deg_s : float
+        How fast, at most, what went on by itself may have led it away: rates beside the stars', an axis that
+        was moved.
     """
     when = f"{last.utc:%Y-%m-%d %H:%M:%S} UTC"
     if not last.trusted:
@@ -147,7 +158,9 @@ def why_not_to_trust(
         # on its way: the order that moved it is reported, and one that was just switched on doesn't move
         return None
     off_deg = strayed_deg(last, now, site, air)
-    if off_deg <= ELSEWHERE_DEG:
+    # how long that went on nobody knows: until a guard or this start has ended it
+    led_deg = led_deg_s * max(0.0, (now.utc - last.utc).total_seconds())
+    if off_deg <= ELSEWHERE_DEG + _LED * led_deg:
         return None
     moving = [command for command in in_flight if command.order in _MOVING]
     if any(_explains(command, now) for command in moving):
@@ -181,7 +194,11 @@ class PositionMemory:
         state.listen(self._said)
 
     def take_up(
-        self, last: LastSeen | None, in_flight: Sequence[CommandRecord], now: MountReading
+        self,
+        last: LastSeen | None,
+        in_flight: Sequence[CommandRecord],
+        now: MountReading,
+        led_deg_s: float = 0.0,
     ) -> str | None:
         """Take the mount up as an earlier run left it, and write down from now on.
 
@@ -189,6 +206,8 @@ class PositionMemory:
         ----------
         last : LastSeen or None
             None: nothing is known of it, and its own word counts as the settings say.
+        led_deg_s : float
+            As of `why_not_to_trust`.
 
         Returns
         -------
@@ -198,7 +217,11 @@ class PositionMemory:
         if self._active:
             return None
         guard = self._guard
-        why = None if last is None else why_not_to_trust(last, in_flight, now, guard.site, guard.air)
+        why = (
+            None
+            if last is None
+            else (why_not_to_trust(last, in_flight, now, guard.site, guard.air, led_deg_s))
+        )
         if why is not None:
             self._state.distrust(why)
         self._active = True

@@ -127,11 +127,13 @@ def run_following(
     policy: FollowingPolicy | None = None,
     utc: datetime = NIGHT,
     trusted: bool = True,
+    native: bool = False,
 ) -> FollowingRig:
-    """Do something with such a rig, in time that jumps."""
+    """Do something with such a rig, in time that jumps; `native`: with the driver's own rates and axes."""
     clock = VirtualClock(utc)
     mechanics = Mechanics(SITE, AIR, PointingErrors(), machine=machine or Machine(), clock=clock)
-    driver = FollowingMount(mechanics, clock, behavior, trusted=trusted)
+    made = SimulatedMount if native else FollowingMount
+    driver = made(mechanics, clock, behavior, trusted=trusted)
     journal, guard = MemoryJournal(), Guarded()
     mount = CheckedMount(
         driver,

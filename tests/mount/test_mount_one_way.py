@@ -19,8 +19,21 @@ from mountnav.devices import Direction, SlewOutcome
 from tests.mount.mount_rig import Rig, run
 
 ROOT = Path(__file__).parents[2]
-ORDERS = {"slew", "sync", "park", "unpark", "home", "set_tracking", "guide", "stop", "set_park"}
+BESIDE_STARS = {"set_offset_rates", "move_axis"}
+ORDERS = {
+    "slew",
+    "sync",
+    "park",
+    "unpark",
+    "home",
+    "set_tracking",
+    "guide",
+    "stop",
+    "set_park",
+} | BESIDE_STARS
 CHECKED = "mountnav/mount/"
+AFTER_DEATH = "api/observatory/dead_man_process.py"
+"""The guard, a process of its own: it ends what goes on when there is no service any more to do it."""
 BY_THEMSELVES = (CHECKED, "drivers/", "mountnav/simulation/", "mountnav/testing/")
 """Drivers and fakes move what is their own; `testing` tries a driver with no observatory round it."""
 
@@ -33,7 +46,11 @@ def sources() -> list[tuple[str, ast.Module]]:
         for path in sorted((ROOT / package).rglob("*.py")):
             name = path.relative_to(ROOT).as_posix()
             text = path.read_text(encoding="utf-8")
-            if not name.startswith(BY_THEMSELVES) and "mount" in text.lower().replace("mountnav", ""):
+            if (
+                name != AFTER_DEATH
+                and not name.startswith(BY_THEMSELVES)
+                and "mount" in text.lower().replace("mountnav", "")
+            ):
                 found.append((name, ast.parse(text)))
     return found
 
@@ -93,6 +110,16 @@ def test_what_is_declared_a_driver_gets_no_orders() -> None:
     assert declared > 0, "the search finds no driver at all: it is blind"
 
 
+def test_the_service_itself_runs_nothing_of_its_guard() -> None:
+    module = AFTER_DEATH.removesuffix(".py").replace("/", ".")
+    for name, tree in sources():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module == module:
+                assert [one.name for one in node.names] == ["HELD_UP"], name
+            if isinstance(node, ast.Import):
+                assert module not in [one.name for one in node.names], name
+
+
 def test_the_search_sees_an_order_to_a_driver() -> None:
     tree = ast.parse(
         "class Sly:\n"
@@ -138,7 +165,8 @@ def test_each_order_that_reaches_a_driver_comes_from_the_checked_mount(
 
         monkeypatch.setattr(SimulatedMount, order, spy)
 
-    for order in ORDERS - {"set_park"}:
+    # rates and moved axes: `tests.mount.test_offset_rates` and `test_moved_axes` order them
+    for order in ORDERS - {"set_park"} - BESIDE_STARS:
         spied(order)
 
     async def work(rig: Rig) -> None:
@@ -152,5 +180,5 @@ def test_each_order_that_reaches_a_driver_comes_from_the_checked_mount(
         await rig.mount.unpark()
 
     run(work)
-    assert {order for order, _ in came} == ORDERS - {"set_park"}
+    assert {order for order, _ in came} == ORDERS - {"set_park"} - BESIDE_STARS
     assert all(checked for _, checked in came)

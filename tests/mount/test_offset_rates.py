@@ -326,7 +326,8 @@ async def _link(rig: FollowingRig) -> None:
     [_stop, _end, _none, _slew, _park, _home, _rest, _track, _lunar, _close, _distrust, _link],
 )
 @pytest.mark.parametrize("rates", [COMET, FAST])
-def test_each_order_and_mishap_ends_them(order: Setting, rates: OffsetRates) -> None:
+@pytest.mark.parametrize("native", [False, True])
+def test_each_order_and_mishap_ends_them(order: Setting, rates: OffsetRates, native: bool) -> None:
     async def work(rig: FollowingRig) -> None:
         await follow(rig, rates, 20.0 if rates is FAST and order is not _link else 60.0)
         await order(rig)
@@ -338,7 +339,7 @@ def test_each_order_and_mishap_ends_them(order: Setting, rates: OffsetRates) -> 
         if order is not _close:
             assert rig.mount.following_problem is None
 
-    run_following(work)
+    run_following(work, native=native)
 
 
 async def _guide(rig: FollowingRig) -> None:
@@ -503,6 +504,51 @@ def test_a_stop_leaves_a_mount_at_rest_that_rested_after_it() -> None:
     run_following(work)
 
 
+def test_rates_that_end_late_do_not_have_a_mount_track_that_was_told_to_rest() -> None:
+    async def work(rig: FollowingRig) -> None:
+        await follow(rig)
+        end = rig.following.set_offset_rates
+
+        async def begins_to_track(rates: OffsetRates) -> None:
+            await end(rates)
+            rig.mechanics.tracking = True
+
+        rig.following.set_offset_rates = begins_to_track  # type: ignore[method-assign]
+        rig.following.fails.add("end-rates")
+        await rig.mount.set_tracking(False)
+        assert not rig.mechanics.tracking
+        rig.following.fails.clear()
+        await rig.clock.sleep(10.0)
+        assert rig.following.ordered[-1] == ("rates", 0.0, 0.0)
+        assert not rig.mechanics.tracking
+
+    run_following(work)
+
+
+def test_rates_that_were_checked_before_a_slew_are_not_sent_after_it() -> None:
+    async def work(rig: FollowingRig) -> None:
+        await rig.mount.slew(rig.place(-20.0, 20.0))
+        now = rig.mechanics.truth()
+        asked = asyncio.Event()
+
+        def slowly(utc: datetime) -> Icrs:
+            asked.set()
+            return now
+
+        order = asyncio.ensure_future(
+            rig.mount.set_offset_rates(COMET, ends_utc=ends(rig, 40_000.0), path=slowly)
+        )
+        await asked.wait()
+        # the path is looked at in a thread
+        slew = asyncio.ensure_future(rig.mount.slew(rig.place(-10.0, 20.0)))
+        came, _ = await asyncio.gather(order, slew, return_exceptions=True)
+        if rig.mount.offset_rates_in_force is None:
+            assert came is None or isinstance(came, Busy | OutsideLimits)
+        assert rig.mechanics.beside_arcsec_s == (0.0, 0.0)
+
+    run_following(work)
+
+
 # -- limits ----------------------------------------------------------------------------------------
 
 
@@ -618,16 +664,20 @@ def test_one_path_is_looked_at_once_however_often_the_rates_are_renewed() -> Non
         await rig.mount.slew(rig.place(-20.0, 20.0))
         now = rig.mechanics.truth()
 
-        def path(utc: datetime) -> Icrs:
-            asked.append(utc)
-            return now
+        class Target:
+            def path(self, utc: datetime) -> Icrs:
+                asked.append(utc)
+                return now
 
-        until = ends(rig, 3600.0)
-        await rig.mount.set_offset_rates(COMET, ends_utc=until, path=path)
+        target, until = Target(), ends(rig, 3600.0)
+        await rig.mount.set_offset_rates(COMET, ends_utc=until, path=target.path)
         first = len(asked)
-        for _ in range(5):
-            await rig.mount.set_offset_rates(COMET, ends_utc=until, path=path)
-        assert len(asked) < first + 20
+        for number in range(5):
+            later = until + timedelta(seconds=60.0 * number)
+            await rig.mount.set_offset_rates(COMET, ends_utc=later, path=target.path)
+        # a later end is looked at from the end before it on
+        assert first > 60
+        assert len(asked) < first + 60
 
     run_following(work)
 

@@ -240,7 +240,7 @@ def reached_by_axes(
         Where the mount points, with refraction and without.
     rates_deg_s : (float, float)
         Speeds as `mountnav.devices.MovesAxes` counts them: positive to greater right ascension (azimuth), and
-        to greater declination (altitude) on the side of the pole on which the tube is; they go on through it.
+        to greater declination (altitude). The second axis isn't moved through the pole, or the zenith.
     tracks : bool
         Whether that comes on top of tracking; of an alt-az mount it may.
     """
@@ -261,9 +261,15 @@ def reached_by_axes(
         second = standing.second_deg + second_deg_s * later_s
         looks = of_axes(first, second, _as_axes(standing), scene.site.latitude_deg)
         seen = seen or looks
-        for limit, depth in (
-            scene.depths(looks, standing=True, later_s=later_s) | scene.axis_depths(standing, first, second)
-        ).items():
+        found = scene.depths(looks, standing=True, later_s=later_s) | scene.axis_depths(
+            standing, first, second
+        )
+        if secondary:
+            # beyond the pole (the zenith) directions turn round
+            beyond = np.abs(second) - 90.0
+            through = -beyond if abs(standing.second_deg) > 90.0 else beyond
+            found[LimitKind.UNREACHABLE] = np.maximum(found[LimitKind.UNREACHABLE], through)
+        for limit, depth in found.items():
             depths[limit] = np.maximum(depths[limit], depth) if limit in depths else depth
     assert seen is not None
     first_found: tuple[float, LimitKind] | None = None
@@ -469,13 +475,13 @@ class _Track:
     def _instant(self, index: int, value: Callable[[_Track], Floats]) -> float:
         """When a value changes its sign between two looks, by halving."""
         low_s, high_s = float(self.later_s[index]), float(self.later_s[index + 1])
+        # what counts as outside is above 0
+        begins = bool(value(self)[index] > 0.0)
         while high_s - low_s > _EXACT_S:
             middle_s = 0.5 * (low_s + high_s)
             between = self._with(middle_s)
-            values = value(between)
-            at = int(np.searchsorted(between.later_s, low_s))
-            # what counts as outside is above 0
-            if (values[at + 1] > 0.0) == (values[at] > 0.0):
+            at = int(np.searchsorted(between.later_s, middle_s))
+            if bool(value(between)[at] > 0.0) is begins:
                 low_s = middle_s
             else:
                 high_s = middle_s

@@ -17,7 +17,7 @@ from mountnav.devices import OffsetRates
 from mountnav.settings.observatory import Settings
 
 RATES = OffsetRates(6.0, -4.0)
-AXIS_DEG_S = 0.5
+MOST_DEG_S = 1.0
 
 
 async def follow(file: Path, what: str, renew: str) -> None:
@@ -28,6 +28,8 @@ async def follow(file: Path, what: str, renew: str) -> None:
         mount = (await telescope.ready()).mount
         mount.trust()
         print("open", flush=True)
+        spans = mount.axis_rates_deg_s["secondary"]
+        speed_deg_s = max(span.most_deg_s for span in spans if span.most_deg_s <= MOST_DEG_S)
         number = 0
         while True:
             number += 1
@@ -36,7 +38,7 @@ async def follow(file: Path, what: str, renew: str) -> None:
                 rates = OffsetRates(RATES.ra_arcsec_s + 0.001 * number, RATES.dec_arcsec_s)
                 await mount.set_offset_rates(rates, ends_utc=utc_now() + timedelta(seconds=600.0))
             else:
-                await mount.move_axis("secondary", -AXIS_DEG_S, for_s=3.0)
+                await mount.move_axis("secondary", -speed_deg_s, for_s=3.0)
             if number == 1:
                 print("in force", flush=True)
             await asyncio.sleep(0.25 if renew == "renew" else 3600.0)
