@@ -22,6 +22,7 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "patient")
 os.environ["MOUNTNAV_RUN"] = str(ROOT / ".cache" / f"run-of-tests-{os.getpid()}")
 # what the user has imported is none of the tests' business
 os.environ["MOUNTNAV_CATALOGS"] = str(ROOT / ".cache" / "no-catalogs")
+os.environ["MOUNTNAV_EPHEMERIDES"] = str(ROOT / ".cache" / "no-ephemerides")
 # a service in a test never writes into the user's journal; a process of tests has its own
 os.environ["MOUNTNAV_JOURNAL"] = str(ROOT / ".cache" / f"journal-of-tests-{os.getpid()}.sqlite")
 

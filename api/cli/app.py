@@ -12,6 +12,7 @@ from api.cli.calibrate import calibrate_app
 from api.cli.catalog import catalog_app
 from api.cli.demo import demo
 from api.cli.drift import drift
+from api.cli.ephemeris import ephemeris_app
 from api.cli.fake_mount import fake_mount
 from api.cli.first_light import first_light
 from api.cli.indi_driver import indi_driver
@@ -66,6 +67,7 @@ app.command("indi-driver")(indi_driver)
 app.command("demo")(demo)
 app.add_typer(calibrate_app, name="calibrate")
 app.add_typer(catalog_app, name="catalog")
+app.add_typer(ephemeris_app, name="ephemeris")
 app.add_typer(journal_app, name="journal")
 app.add_typer(model_app, name="model")
 app.add_typer(night_app, name="night")

@@ -201,12 +201,18 @@ class SkyObject(TypedDict):
     """Something bright that has a name."""
 
     name: str
-    kind: Literal["star", "messier", "planet", "moon", "sun"]
+    kind: Literal[
+        "star", "messier", "planet", "moon", "sun", "minor-planet", "comet", "satellite", "planet-satellite"
+    ]
     aliases: list[str]
     mag: float | None
     icrs: Place
     altitude_deg: float | None
     azimuth_deg: float | None
+    moves: bool
+    rate_arcsec_s: float | None
+    sigma_arcsec: float | None
+    problem: str | None
 
 
 class Health(TypedDict):

@@ -216,7 +216,7 @@ def by_mean_anomaly(
     BadRequest
         No ellipse.
     """
-    if not (0.0 < a_au < 1e5 and 0.0 <= eccentricity < 1.0 and math.isfinite(mean_anomaly_deg)):
+    if not (0.0 < a_au < 1e5 and 0.0 <= eccentricity < 1.0 and abs(mean_anomaly_deg) <= 1e6):
         raise BadRequest(
             f"a = {a_au:g} au, e = {eccentricity:g} is no ellipse; give q and the perihelion's time"
         )
@@ -240,7 +240,7 @@ def two_body(
     since = since_days
     if alpha > 0.0:
         # whole turns are left out; of long periods there are none
-        period = 2.0 * math.pi * mu / alpha**1.5
+        period = 2.0 * math.pi * mu / math.pow(alpha, 1.5)
         since = math.remainder(since, period)
     s = _universal(q_au, e, alpha, since)
     c1, c2, c3 = _stumpff(alpha * s * s)
@@ -265,7 +265,7 @@ def _universal(q: float, e: float, alpha: float, since: float) -> float:
     # of a hyperbola the hyperbolic sine: beyond some hundreds it would overflow
     if alpha < 0.0:
         high = min(high, 60.0 / math.sqrt(-alpha))
-    s = min(high, (6.0 * want / (mu * max(e, 1e-3))) ** (1.0 / 3.0))
+    s = min(high, math.cbrt(6.0 * want / (mu * max(e, 1e-3))))
     for _ in range(_KEPLER_STEPS):
         _, c2, c3 = _stumpff(alpha * s * s)
         missed = q * s + mu * e * s**3 * c3 - want

@@ -62,6 +62,8 @@ memory."""
 _MOST_SOUGHT: Final = 300
 """Names that begin as a search does, of which the shortest are shown. Doubled, an answer takes twice as
 long."""
+_PART: Final = ".part-"
+"""How the name of a file begins that isn't written whole yet."""
 _BATCH: Final = 20_000
 """Objects between two progress reports."""
 _RIGHTS: Final = "check the folder's rights, or name another: [ephemerides] folder or MOUNTNAV_EPHEMERIDES"
@@ -375,6 +377,8 @@ def import_file(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with locked(folder / ".lock"):
+            for left in folder.glob(f"{_PART}*"):  # of an import that was killed
+                left.unlink(missing_ok=True)
             if path.suffix.lower() == KERNEL_SUFFIX:
                 return _import_kernel(path, folder, named)
             return _import_elements(path, folder, named, progress)
@@ -409,7 +413,7 @@ def forget(folder: Path, slug: str) -> Import:
 
 def _import_kernel(path: Path, folder: Path, slug: str) -> Outcome:
     kernel = Kernel(path)
-    number, part = tempfile.mkstemp(dir=folder, prefix=".part-")
+    number, part = tempfile.mkstemp(dir=folder, prefix=_PART)
     try:
         with open_buffered(path) as source, os.fdopen(number, "wb") as target:
             shutil.copyfileobj(source, target, 1 << 20)
@@ -425,7 +429,7 @@ def _import_kernel(path: Path, folder: Path, slug: str) -> Outcome:
 
 
 def _import_elements(path: Path, folder: Path, slug: str, progress: Callable[[int], None]) -> Outcome:
-    number, name = tempfile.mkstemp(dir=folder, prefix=".part-")
+    number, name = tempfile.mkstemp(dir=folder, prefix=_PART)
     os.close(number)
     part = Path(name)
     try:
@@ -627,7 +631,7 @@ def _records(path: Path, packed: bool) -> Iterator[Any]:
                 record, end = decoder.raw_decode(buffer)
             except (json.JSONDecodeError, RecursionError, ValueError):
                 if at_end:
-                    if buffer.strip():
+                    if buffer.strip() or in_list:
                         raise BadRequest(f"the JSON of {path.name} is broken or cut off") from None
                     return
                 if len(buffer) > _MOST_RECORD:

@@ -57,7 +57,8 @@ def read_mpes(text: str, *, made_for: Observer | None = None) -> Table:
     title = titles[0]
     observer = made_for or _observer(lines)
     name = _name(lines, title)
-    rows, digits = [], 0.0
+    rows: list[TableRow] = []
+    digits = 0.0
     for number in range(title + 1, len(lines)):
         line = lines[number]
         if len(line) > _LONGEST_LINE:
@@ -108,7 +109,8 @@ def _row(found: re.Match[str], at: str) -> tuple[TableRow, float]:
         raise BadRequest(f"{at}: {clock!r} is no time such as 174613")
     numbers = [int(clock[place : place + 2]) for place in range(0, len(clock), 2)] + [0, 0]
     try:
-        utc = datetime(int(year), int(month), int(day), *numbers[:3], tzinfo=UTC)
+        hour, minute, second = numbers[:3]
+        utc = datetime(int(year), int(month), int(day), hour, minute, second, tzinfo=UTC)
     except ValueError as wrong:
         raise BadRequest(f"{at}: {year} {month} {day} {clock} is no time") from wrong
     ra_parts, dec_parts, after = _places(rest.split(), at)

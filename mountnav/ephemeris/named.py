@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from datetime import datetime
+from typing import Final
 
 from mountnav.ephemeris.bodies import SolarSystemBody
 from mountnav.ephemeris.ephemeris import Ephemeris, StarLike
 from mountnav.ephemeris.imported import Entry, imports
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Site
+from mountnav.sky.jupiter_moons import MOONS
 from mountnav.sky.kernel import NAIF_IDS, kernels_in_use
 from mountnav.sky.named import NamedObject, name_key, object_of_name
 from mountnav.sky.planets import SATELLITES
@@ -30,7 +32,9 @@ def found_of_name(name: str) -> Found:
         return object_of_name(name)
     except BadRequest as unknown:
         found: list[Found] = [
-            SolarSystemBody(one) for one in satellites_here() if name_key(one) == name_key(name)
+            SolarSystemBody(one)
+            for one in satellites_here()
+            if name_key(name) in (name_key(one), name_key(_NUMBERED[one]))
         ]
         found += imports().find(name)
         if len(found) == 1:
@@ -40,16 +44,30 @@ def found_of_name(name: str) -> Found:
                 unknown.what,
                 advice=f"{unknown.advice}; or import its elements: mountnav ephemeris import FILE",
             ) from unknown
-        told = ", ".join(one.name for one in found[:5])
+        told = ", ".join(_told(one) for one in found[:5])
         raise BadRequest(
             f"{len(found)} objects are called {name!r}: {told}", advice="give the number or the whole name"
         ) from unknown
 
 
 def satellites_here() -> tuple[str, ...]:
-    """Names of the planets' satellites that a file in use has."""
+    """Names of the planets' satellites that are known without an import, or that a file in use has."""
     here = {segment.target for kernel in kernels_in_use() for segment in kernel.segments}
-    return tuple(name for name in SATELLITES if NAIF_IDS[name] in here)
+    return tuple(name for name in SATELLITES if name in MOONS or NAIF_IDS[name] in here)
+
+
+def _told(found: Found) -> str:
+    if isinstance(found, SolarSystemBody) and found.body in _NUMBERED:
+        return f"{found.name} (which is also {_NUMBERED[found.body]})"
+    return found.name
+
+
+_NUMERALS: Final = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV")
+_PLANETS: Final = {4: "Mars", 5: "Jupiter", 6: "Saturn", 7: "Uranus", 8: "Neptune", 9: "Pluto"}
+_NUMBERED: Final = {
+    name: f"{_PLANETS[NAIF_IDS[name] // 100]} {_NUMERALS[NAIF_IDS[name] % 100 - 1]}" for name in SATELLITES
+}
+"""The IAU's numbers of the planets' satellites: Europa is Jupiter II, and the minor planet is another."""
 
 
 def ephemeris_of_name(name: str, utc: datetime, site: Site) -> Ephemeris:

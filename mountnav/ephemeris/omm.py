@@ -64,7 +64,7 @@ def read_omm(text: str) -> tuple[SatelliteElements, ...]:
     """
     head = text.lstrip()[:1]
     if head == "<":
-        records = _of_xml(text)
+        records: Iterator[Mapping[str, Any]] = _of_xml(text)
     elif head in ("{", "["):
         records = _of_json(text)
     elif re.search(r"(?m)^\s*CCSDS_OMM_VERS\s*=", text):
@@ -80,11 +80,12 @@ def read_omm(text: str) -> tuple[SatelliteElements, ...]:
 def _of_xml(text: str) -> Iterator[dict[str, str]]:
     if re.search(r"<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
         raise BadRequest("the XML has a document type or entities of its own, which isn't read")
-    parser = ElementTree.XMLPullParser(("start", "end"))
+    parser: Any = ElementTree.XMLPullParser(("start", "end"))
     depth = 0
     fields: dict[str, str] = {}
     try:
-        parser.feed(text.encode("utf-8", "replace"))
+        # it is text already: what it says of its encoding counts no more
+        parser.feed(re.sub(r"^\s*<\?xml[^>]{0,200}\?>", "", text).encode("utf-8", "replace"))
         parser.close()
         for event, element in parser.read_events():
             depth += 1 if event == "start" else -1
@@ -100,7 +101,7 @@ def _of_xml(text: str) -> Iterator[dict[str, str]]:
             if tag == "segment":
                 yield fields
                 fields = {}
-    except (ElementTree.ParseError, ValueError) as wrong:
+    except (ElementTree.ParseError, LookupError, ValueError) as wrong:
         raise BadRequest(f"the XML is broken: {wrong}") from wrong
 
 

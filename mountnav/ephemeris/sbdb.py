@@ -58,7 +58,7 @@ def read_sbdb(record: Mapping[str, Any]) -> OrbitElements:
         node_deg=_of(told, "om", name),
         peri_deg=_of(told, "w", name),
         perihelion_jd=_of(told, "tp", name),
-        uncertainty=int(code) if str(code) in set("0123456789") else None,
+        uncertainty=int(str(code)) if str(code) in set("0123456789") else None,
         comet=kind.startswith("c"),
         covariance=_matrix(covariance, told, name) if isinstance(covariance, Mapping) else None,
         forces=_forces(orbit.get("model_pars"), name),

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from mountnav.ephemeris.span import require_within
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs, Site
-from mountnav.sky.observer import AU_KM, direction, site_geocentric_km
+from mountnav.sky.observer import AU_KM, LIGHT_KM_S, direction, earth_barycentric_km, site_geocentric_km
 from mountnav.sky.sphere import separation_arcsec
 
 Vector = NDArray[np.float64]
@@ -120,14 +120,14 @@ class Table:
         object.__setattr__(self, "begins_utc", begin)
         object.__setattr__(self, "ends_utc", rows[-1].utc)
         object.__setattr__(self, "_times_s", times_s)
-        fixed = isinstance(self.observer, Site)
         vectors = []
         for row in rows:
             vector = _unit(row.place)
             if row.distance_au is not None:
                 vector = vector * (row.distance_au * AU_KM)
-                if fixed and isinstance(self.observer, Site):
-                    vector = vector + site_geocentric_km(row.utc, self.observer)[0]
+                if isinstance(self.observer, Site):
+                    here = site_geocentric_km(row.utc, self.observer)[0]
+                    vector = vector + here + _while_light_comes(row.utc, vector, vector + here)
             vectors.append(vector)
         object.__setattr__(self, "_vectors", tuple(vectors))
 
@@ -156,7 +156,9 @@ class Table:
             )
         vector = self._interpolated(utc, _NODES)
         if self.has_distance and self.observer != "here":
-            vector = vector - site_geocentric_km(utc, site)[0]
+            here = site_geocentric_km(utc, site)[0]
+            seen = vector - here
+            vector = seen + _while_light_comes(utc, vector, seen, self._moves_km_s(utc))
         return direction(vector)
 
     def sigma_arcsec(self, utc: datetime) -> float:
@@ -198,10 +200,33 @@ class Table:
         first = min(max(row - count // 2 + 1, 0), len(self._times_s) - count)
         return _lagrange(self._times_s[first : first + count], self._vectors[first : first + count], since_s)
 
+    def _moves_km_s(self, utc: datetime) -> Vector:
+        """How the target moves beside the Earth."""
+        begin = max(utc - _ASIDE, self.begins_utc)
+        end = min(utc + _ASIDE, self.ends_utc)
+        way = self._interpolated(end, _NODES) - self._interpolated(begin, _NODES)
+        return way / (end - begin).total_seconds()
+
     def _error_arcsec(self, utc: datetime) -> float:
         """How much the places differ that are drawn through all nodes, and through two fewer."""
         fine, coarse = self._interpolated(utc, _NODES), self._interpolated(utc, _coarser(len(self.rows)))
         return separation_arcsec(direction(fine), direction(coarse))
+
+
+_ASIDE: Final = timedelta(seconds=1)
+"""Half the time over which the motion is differenced."""
+
+
+def _while_light_comes(
+    utc: datetime, before: Vector, after: Vector, beside_km_s: Vector | None = None
+) -> Vector:
+    """How much further a target went in the difference of two light times, km: 0.4″ of the Moon.
+
+    Light of a nearer observer left later, and the target goes around the Sun with the Earth meanwhile.
+    """
+    earlier_s = float(np.linalg.norm(before) - np.linalg.norm(after)) / LIGHT_KM_S
+    moves = earth_barycentric_km(utc)[1]
+    return (moves if beside_km_s is None else moves + beside_km_s) * earlier_s
 
 
 def _coarser(rows: int) -> int:

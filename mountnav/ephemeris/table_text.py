@@ -9,6 +9,11 @@ from mountnav.ephemeris.table import Observer, Table
 from mountnav.errors import BadRequest
 
 
+def looks_like_table(text: str) -> bool:
+    """Whether a text is a table of one of the kinds that `read_table` reads."""
+    return looks_like_horizons(text) or looks_like_mpes(text) or looks_like_csv(text)
+
+
 def read_table(text: str, *, made_for: Observer | None = None) -> Table:
     """Read a table of JPL's Horizons, of the MPC's ephemeris service, or a plain one (CSV).
 

@@ -6,7 +6,7 @@ Strict: the columns are where they belong, the checksums are right, and both lin
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime, timedelta
 
 from mountnav.ephemeris.satellite import SatelliteElements
@@ -66,11 +66,11 @@ def read_tle(text: str) -> tuple[SatelliteElements, ...]:
     return found
 
 
-def iterate_tle(lines: object) -> Iterator[SatelliteElements]:
+def iterate_tle(lines: Iterable[str]) -> Iterator[SatelliteElements]:
     """As `read_tle`, line by line, for long files. Raises BadRequest."""
     name, first = "", ""
     first_number = 0
-    for number, raw in enumerate(lines, 1):  # type: ignore[call-overload]
+    for number, raw in enumerate(lines, 1):
         line = raw.rstrip()
         if not line or line.startswith("#"):
             continue

@@ -96,37 +96,50 @@ class Segment:
     first_jd: float
     last_jd: float
     source: str
-    reading: Any
+    table: ChebyshevTable | Any
 
     def state(self, jd1: float, jd2: float) -> tuple[Vector, Vector]:
         """Place, km, and velocity, km/day, from the center."""
-        if self.reading.data_type == 9:
-            both = np.asarray(self.reading.compute_and_differentiate(jd1, jd2))
+        if not isinstance(self.table, ChebyshevTable):
+            both = np.asarray(self.table.compute_and_differentiate(jd1, jd2))
             return both[:3], both[3:] * _SECONDS_A_DAY
         # jplephem's own sum takes 0.2 ms: it is made for many instants at once
-        first_jd, length, coefficients = _chebyshev(self.reading)
-        since = (jd1 - first_jd) + jd2
-        row = min(max(int(since // length), 0), coefficients.shape[0] - 1)
+        since = (jd1 - self.table.first_jd) + jd2
+        length = self.table.days
+        row = min(max(int(since // length), 0), self.table.coefficients.shape[0] - 1)
         s = 2.0 * (since - row * length) / length - 1.0
-        found = coefficients[row] @ _polynomials(s, coefficients.shape[2])
+        found = self.table.coefficients[row] @ _polynomials(s, self.table.coefficients.shape[2])
         velocity = found[3:, 0] * _SECONDS_A_DAY if found.shape[0] == 6 else found[:, 1] * (2.0 / length)
         return found[:3, 0], velocity
 
 
-_tables: dict[int, tuple[Any, tuple[float, float, Any]]] = {}
+@dataclass(frozen=True, slots=True, eq=False)
+class ChebyshevTable:
+    """A segment of the types 2 and 3: rows of coefficients, each for as many days.
+
+    Attributes
+    ----------
+    first_jd, days : float
+        Where the first row begins, and how long each is.
+    coefficients : ndarray, shape (rows, components, order)
+        Of x, y, z in km; and of their rates in km/s in type 3. Mapped, not read.
+    """
+
+    first_jd: float
+    days: float
+    coefficients: Any
 
 
-def _chebyshev(reading: Any) -> tuple[float, float, Any]:
-    """Begin, days of a row, and coefficients of a segment, shape (rows, components, order)."""
-    known = _tables.get(id(reading))
-    if known is not None and known[0] is reading:
-        return known[1]
-    first_jd, length, coefficients = reading.load_array()
-    if coefficients.shape[1] < 1 or not length > 0.0:
-        raise BadRequest("a segment of an SPK file has no rows")
-    made = (float(first_jd), float(length), coefficients.transpose(1, 0, 2))
-    _tables[id(reading)] = (reading, made)
-    return made
+def _mapped(segment: Any) -> ChebyshevTable | Any:
+    """A segment's numbers. Raises what jplephem raises of a broken file."""
+    if segment.data_type == 9:
+        segment._data  # noqa: B018 - mapped by being asked for
+        return segment
+    first_jd, days, coefficients = segment.load_array()
+    rows = coefficients.transpose(1, 0, 2)
+    if rows.shape[0] < 1 or rows.shape[2] < 2 or not 0.0 < days < 1e6:
+        raise ValueError("a segment has no rows")
+    return ChebyshevTable(float(first_jd), float(days), rows)
 
 
 def _polynomials(s: float, count: int) -> Any:
@@ -150,8 +163,11 @@ class Kernel:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            file = open_buffered(path)
-            spk = SPK(DAF(file))
+            with open_buffered(path) as file:
+                spk = SPK(DAF(file))
+                self._take(spk, path.stat().st_size)
+        except BadRequest:
+            raise
         except OSError as refused:
             raise BadRequest(f"{path.name} can't be read: {refused.strerror or refused}") from refused
         except Exception as wrong:  # jplephem raises what its arithmetic happens to raise
@@ -159,13 +175,15 @@ class Kernel:
                 f"{path.name} is no SPK file ({wrong or type(wrong).__name__})",
                 advice="JPL's ephemerides end in .bsp; text and .tsp files aren't read",
             ) from wrong
+
+    def _take(self, spk: Any, size: int) -> None:
+        """Map the segments that can be read; the file itself isn't needed after that."""
+        name = self.path.name
         if len(spk.segments) > _MOST_SEGMENTS:
-            raise BadRequest(
-                f"{path.name} has {len(spk.segments)} segments; {_MOST_SEGMENTS} are read at most"
-            )
-        self.skipped = tuple(
-            f"{one.target} (type {one.data_type})" for one in spk.segments if one.data_type not in _READ_TYPES
-        )
+            raise BadRequest(f"{name} has {len(spk.segments)} segments; {_MOST_SEGMENTS} are the most")
+        if any(not 0 < one.start_i <= one.end_i <= size // 8 for one in spk.segments):
+            raise BadRequest(f"{name} is cut off", advice="get it again")
+        readable = [one for one in spk.segments if one.data_type in _READ_TYPES and one.frame == _J2000_FRAME]
         self.segments = tuple(
             Segment(
                 one.target,
@@ -173,15 +191,14 @@ class Kernel:
                 one.start_jd,
                 one.end_jd,
                 one.source.decode("ascii", "replace").strip(),
-                one,
+                _mapped(one),
             )
-            for one in spk.segments
-            if one.data_type in _READ_TYPES and one.frame == _J2000_FRAME
+            for one in readable
         )
         if not self.segments:
+            others = ", ".join(f"{one.target} of type {one.data_type}" for one in spk.segments[:5])
             raise BadRequest(
-                f"{path.name} has no segment that can be read"
-                + (f": {', '.join(self.skipped[:5])}" if self.skipped else ""),
+                f"{name} has no segment that can be read: {others or 'it is empty'}",
                 advice="segments of the types 2, 3 and 9 on the axes of the ICRS are, as in DE440",
             )
 
@@ -208,7 +225,7 @@ def use_kernels(kernels: Iterable[Kernel]) -> None:
     """Let imported files go before the shipped excerpt, the first of them before the others."""
     with _Chosen.lock:
         _Chosen.kernels = tuple(kernels)
-        _way.cache_clear()
+        _segments_of.cache_clear()
 
 
 def kernels_in_use() -> tuple[Kernel, ...]:
@@ -216,22 +233,23 @@ def kernels_in_use() -> tuple[Kernel, ...]:
     return (*_Chosen.kernels, shipped())
 
 
-@lru_cache(maxsize=512)
-def _way(target: int, day: int, whole_system: bool = True) -> tuple[Segment, ...] | None:
-    """Segments from the barycenter to a body that cover a day from its noon, TDB; None: no way.
+@lru_cache(maxsize=1024)
+def _segments_of(target: int) -> tuple[Segment, ...]:
+    """All segments of a body, those that go before first: of a file its last counts, as SPICE has it."""
+    return tuple(
+        one for kernel in kernels_in_use() for one in reversed(kernel.segments) if one.target == target
+    )
+
+
+def _way(target: int, jd: float, whole_system: bool = True) -> tuple[Segment, ...] | None:
+    """Segments from the barycenter to a body that cover an instant, TDB; None: no way.
 
     With `whole_system` the barycenter of a planet's system will do where the planet itself is in no file.
     """
     found: list[Segment] = []
     body = target
     while body != 0:
-        fits = (
-            one
-            for kernel in kernels_in_use()
-            for one in reversed(kernel.segments)
-            if one.target == body and one.first_jd <= day and one.last_jd >= day + 1
-        )
-        step = next(fits, None)
+        step = next((one for one in _segments_of(body) if one.first_jd <= jd <= one.last_jd), None)
         if step is None or len(found) > 8:  # a file may lead in a circle
             # of the outer planets DE440 has the barycenters of their systems alone
             if whole_system and body % 100 == 99 and 400 <= body < 1000 and not found:
@@ -245,7 +263,7 @@ def _way(target: int, day: int, whole_system: bool = True) -> tuple[Segment, ...
 
 def has_body(target: int, jd: float) -> bool:
     """Whether a file in use covers a body at an instant, TDB as a Julian date."""
-    return _way(target, int(np.floor(jd))) is not None
+    return _way(target, jd) is not None
 
 
 def barycentric_state_km(target: int, jd1: float, jd2: float) -> tuple[Vector, Vector] | None:
@@ -264,7 +282,7 @@ def barycentric_state_km(target: int, jd1: float, jd2: float) -> tuple[Vector, V
     place_km, velocity_km_day : ndarray, shape (3,)
         None if no file in use covers it.
     """
-    way = _way(target, int(np.floor(jd1 + jd2)))
+    way = _way(target, jd1 + jd2)
     if way is None:
         return None
     place, velocity = np.zeros(3), np.zeros(3)
@@ -277,7 +295,7 @@ def barycentric_state_km(target: int, jd1: float, jd2: float) -> tuple[Vector, V
 
 def source_of(target: int, jd: float, *, whole_system: bool = True) -> str | None:
     """What the segment is called that has a body, or its system's barycenter; None: none has."""
-    way = _way(target, int(np.floor(jd)), whole_system)
+    way = _way(target, jd, whole_system)
     return None if way is None else way[0].source
 
 

@@ -125,7 +125,10 @@ def earth_barycentric_km(utc: datetime) -> tuple[Vector, Vector]:
 
 
 def seen_from(
-    barycentric_km: Callable[[float, float], Vector], utc: datetime, site: Site
+    barycentric_km: Callable[[float, float], Vector],
+    utc: datetime,
+    site: Site,
+    earth_km: Vector | None = None,
 ) -> tuple[Vector, float]:
     """Where a body stands for an observer at a site: the astrometric vector, light time taken off.
 
@@ -136,6 +139,9 @@ def seen_from(
     utc : datetime
         Aware.
     site : Site
+    earth_km : ndarray, shape (3,), optional
+        The Earth's center by the same source as the body; by the ephemeris in use if not given. The
+        barycenters of DE440 and of ERFA's formulas lie 100 km apart, which is 1′ at the Moon.
 
     Returns
     -------
@@ -144,7 +150,8 @@ def seen_from(
     light_s : float
     """
     now = instant(utc)
-    observer = earth_barycentric_km(utc)[0] + site_geocentric_km(utc, site)[0]
+    earth = earth_barycentric_km(utc)[0] if earth_km is None else earth_km
+    observer = earth + site_geocentric_km(utc, site)[0]
     light_s = 0.0
     vector = observer
     for _ in range(_LIGHT_STEPS):

@@ -18,6 +18,7 @@ import numpy as np
 
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs, Site
+from mountnav.sky.jupiter_moons import MOONS, SIGMA_ARCSEC, from_barycenter_km
 from mountnav.sky.kernel import NAIF_IDS, barycentric_state_km, has_body, source_of
 from mountnav.sky.observer import AU_KM, direction, instant, seen_from
 
@@ -47,7 +48,7 @@ milliarcseconds."""
 BODIES: Final = ("sun", "moon", *_PLAN94, "pluto")
 """Names that `position_of_body` takes without an import."""
 SATELLITES: Final = tuple(name for name in NAIF_IDS if name not in BODIES and name != "earth")
-"""Names of planets' satellites; a file has to be there that has them."""
+"""Names of planets' satellites; but for `MOONS` a file has to be there that has them."""
 
 
 def position_of_body(name: str, utc: datetime, site: Site) -> Icrs:
@@ -84,12 +85,16 @@ def vector_to_body_km(name: str, utc: datetime, site: Site) -> Any:
     now = instant(utc)
     if has_body(number, now.jd1 + now.tdb2) and has_body(number, now.jd1 + now.tdb2 - _MOST_LIGHT_DAYS):
         return seen_from(lambda jd1, jd2: _of_kernel(number, jd1, jd2), utc, site)[0]
+    if name in MOONS and _has_jupiter(now.jd1 + now.tdb2):
+        return seen_from(lambda jd1, jd2: _of_moon(name, jd1, jd2), utc, site)[0]
     if name not in _FORMULA_SIGMA_ARCSEC:
         raise BadRequest(
             f"no ephemeris here has {name.capitalize()} at {utc:%Y-%m-%d}",
             advice="import one that has: mountnav ephemeris import FILE.bsp",
         )
-    return seen_from(lambda jd1, jd2: _of_formula(name, jd1, jd2), utc, site)[0]
+    _, earth = erfa.epv00(now.jd1, now.tdb2)
+    earth_km = np.asarray(earth["p"]) * AU_KM
+    return seen_from(lambda jd1, jd2: _of_formula(name, jd1, jd2), utc, site, earth_km)[0]
 
 
 def sigma_of_body_arcsec(name: str, utc: datetime) -> float:
@@ -99,6 +104,8 @@ def sigma_of_body_arcsec(name: str, utc: datetime) -> float:
     if has_body(number, now.jd1 + now.tdb2):
         alone = source_of(number, now.jd1 + now.tdb2, whole_system=False) is None
         return _SYSTEM_SIGMA_ARCSEC.get(name, _KERNEL_SIGMA_ARCSEC) if alone else _KERNEL_SIGMA_ARCSEC
+    if name in MOONS and _has_jupiter(now.jd1 + now.tdb2):
+        return SIGMA_ARCSEC[name]
     if name not in _FORMULA_SIGMA_ARCSEC:
         raise BadRequest(f"no ephemeris here has {name.capitalize()} at {utc:%Y-%m-%d}")
     return _FORMULA_SIGMA_ARCSEC[name]
@@ -107,6 +114,19 @@ def sigma_of_body_arcsec(name: str, utc: datetime) -> float:
 _MOST_LIGHT_DAYS = 0.35
 """Light from Pluto takes 7 hours: so long before an instant a file has to begin. Doubled, nothing but the
 first night of a file is given to the formulas."""
+
+
+_JUPITER_SYSTEM: Final = 5
+"""NAIF's number of the barycenter of Jupiter's system."""
+
+
+def _has_jupiter(jd: float) -> bool:
+    return has_body(_JUPITER_SYSTEM, jd) and has_body(_JUPITER_SYSTEM, jd - _MOST_LIGHT_DAYS)
+
+
+def _of_moon(name: str, jd1: float, jd2: float) -> Any:
+    """Place of a moon of Jupiter from the barycenter of the solar system, shape (3,), km."""
+    return _of_kernel(_JUPITER_SYSTEM, jd1, jd2) + from_barycenter_km(name, jd1 + jd2)
 
 
 def _of_kernel(number: int, jd1: float, jd2: float) -> Any:

@@ -53,7 +53,7 @@ from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.simulation.sky_script import SkyScript
 from mountnav.sky import typed_coordinates
 from mountnav.sky.coordinates import Site
-from tests.fuzz import files
+from tests.fuzz import ephemerides, files
 from tests.reading.raw_files import dng
 from tests.reading.xisf_files import xisf
 
@@ -102,6 +102,16 @@ def _file(read_it: Callable[[Path], object], ending: str = "") -> Callable[[byte
         path.write_bytes(data)
         with _promised(MountnavError):
             read_it(path)
+
+    return run
+
+
+def _bytes(read_it: Callable[[bytes], object]) -> Callable[[bytes], None]:
+    """A parser that sees to its text itself."""
+
+    def run(data: bytes) -> None:
+        with _promised(MountnavError):
+            read_it(data)
 
     return run
 
@@ -545,6 +555,15 @@ TARGETS: dict[str, Target] = {
         _text(lambda text: parse_faults(text)),
         lambda: [b'[random]\nseed = 7\nrate = 0.02\n[[fault]]\nkind = "late"\non = ":GR"\ndelay_s = 2.0\n'],
     ),
+    "satellites": Target(_bytes(ephemerides.satellites), ephemerides.satellite_seeds),
+    "elements": Target(_bytes(ephemerides.elements), ephemerides.element_seeds),
+    "ephemeris-table": Target(_bytes(ephemerides.tables), ephemerides.table_seeds),
+    "ephemeris-text": Target(
+        _bytes(ephemerides.any_text),
+        lambda: [*ephemerides.satellite_seeds()[:1], *ephemerides.table_seeds()[:1]],
+    ),
+    "ephemeris-import": Target(_file(ephemerides.imports, ".dat"), ephemerides.import_seeds),
+    "ephemeris-kernel": Target(_file(ephemerides.kernels, ".bsp"), ephemerides.kernel_seeds),
     "dialogue": Target(
         _file(read_dialogue),
         lambda: [_json_lines({"t": 1.2, "dir": "driver->mount", "hex": "3a", "meaning": ""})],

@@ -120,3 +120,19 @@ def test_what_is_wrong_is_said_with_its_line(text: str, says: str) -> None:
 def test_a_horizon_file_that_is_not_there_is_said_when_it_is_read() -> None:
     with pytest.raises(BadSettings, match="can't be read"):
         _ = limits_of('horizon_file = "/no/such/file"').limits
+
+
+def test_a_solar_filter_is_the_only_way_to_the_sun() -> None:
+    assert limits_of("").limits.solar_filter is False
+    with_filter = limits_of("solar_filter = true").limits
+    assert (with_filter.solar_filter, with_filter.sun_cone_deg) == (True, 0.0)
+    assert limits_of("solar_filter = true\nsun_cone_deg = 12").limits.sun_cone_deg == 12.0
+    real = HEAD.replace("fake+lx200://", "lx200+tcp://mount:9999").replace(
+        'kind = "simulated"', 'kind = "folder"\npath = "/frames"'
+    )
+    for cone in ("0", "4.9"):
+        with pytest.raises(BadSettings, match="lets the tube of a real mount look at the Sun") as fault:
+            Settings.parse(f"{real}sun_cone_deg = {cone}")
+        assert "solar_filter = true" in str(fault.value)
+    assert Settings.parse(f"{real}sun_cone_deg = 5").telescope[0].limits.sun_cone_deg == 5.0
+    assert Settings.parse(f"{real}sun_cone_deg = 0\nsolar_filter = true")

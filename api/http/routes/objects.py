@@ -34,9 +34,7 @@ class ObjectView(BaseModel):
     ]
     aliases: list[str]
     mag: Finite = Field(description="Visual; null where it changes")
-    icrs: Place | None = Field(
-        description="Now, seen from the site; null if it can't be told (`problem` says why)"
-    )
+    icrs: Place = Field(description="Now, seen from the site; nulls if it can't be told (`problem` says why)")
     altitude_deg: Finite = Field(description="Now, refracted")
     azimuth_deg: Finite
     moves: bool = Field(default=False, description="Among the stars")
@@ -122,7 +120,7 @@ def _moving(
             kind=kind,
             aliases=aliases,
             mag=None,
-            icrs=None,
+            icrs=Place(ra_deg=None, dec_deg=None, frame="icrs"),
             altitude_deg=None,
             azimuth_deg=None,
             moves=True,
