@@ -304,11 +304,13 @@ class Dispatcher:
         held = self.held(telescope_id)
         if (known := held.known(key)) is not None:
             return known
-        request: dict[str, object] = order.model_dump()
+        request: dict[str, object] = order.model_dump(exclude_none=True)
         try:
             require_role(caller, role_for(order))
             self._leases.require(caller, telescope_id)
-        except Refused as refusal:
+            if order.job_id is not None and (over := self._ended_motion(telescope_id, order)) is not None:
+                return over
+        except (Refused, MountnavError) as refusal:
             self._audit.refused(caller, order.kind, refusal, telescope=telescope_id, request=request)
             raise
         if (into := held.prolonged(caller, order, key)) is not None:
@@ -327,6 +329,23 @@ class Dispatcher:
             supersede=supersede,
             needs=role_for(order),
             began=work.is_of,
+        )
+
+    def _ended_motion(self, telescope_id: str, order: MoveAxisOrder) -> Job | None:
+        """The job that an order is for, if it has ended and is only told to end; None while it goes on.
+
+        Raises
+        ------
+        BadRequest
+            It has ended: an order that comes late moves nothing.
+        """
+        job = self._jobs.remembered(order.job_id or "")
+        if job is not None and job is self._jobs.running_on(telescope_id):
+            return None
+        if job is not None and order.rate_deg_s == 0.0:
+            return job
+        raise BadRequest(
+            "that motion has ended", device=telescope_id, advice="begin a new one: order it without job_id"
         )
 
     async def end_rates(self, caller: Caller, telescope_id: str) -> None:

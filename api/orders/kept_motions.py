@@ -156,7 +156,7 @@ class KeptAxes:
         key = self._keys.pop(axis, None)
         if key is None or key.job.is_over:
             return
-        job = await self._ordered(key.caller, axis, 0.0)
+        job = await self._ordered(key.caller, axis, 0.0, key.job)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(_TAKEN_S):
                 await self._dispatcher.held(self._telescope_id).taken(job, axis)
@@ -182,8 +182,13 @@ class KeptAxes:
             await asyncio.gather(task, return_exceptions=True)
         await self.end_all()
 
-    async def _ordered(self, caller: Caller, axis: MountAxis, rate_deg_s: float) -> Job:
-        order = MoveAxisOrder(axis=axis, rate_deg_s=rate_deg_s, for_s=_ORDERED_S)
+    async def _ordered(
+        self, caller: Caller, axis: MountAxis, rate_deg_s: float, job: Job | None = None
+    ) -> Job:
+        """Order it; with a job into that one alone, so that what has ended meanwhile doesn't begin again."""
+        order = MoveAxisOrder(
+            axis=axis, rate_deg_s=rate_deg_s, for_s=_ORDERED_S, job_id=None if job is None else job.id
+        )
         try:
             return await self._dispatcher.order(caller, self._telescope_id, order)
         except (Refused, MountnavError) as refusal:
@@ -209,7 +214,7 @@ class KeptAxes:
         why = f"it was not renewed within {self._most_s:g} s" if late else key.lives()
         try:
             if why is None:
-                await self._ordered(key.caller, axis, key.rate_deg_s)
+                await self._ordered(key.caller, axis, key.rate_deg_s, key.job)
                 return
             await self.end(key.caller, axis)
         except NotTaken as refusal:

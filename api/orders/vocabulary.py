@@ -429,6 +429,13 @@ class MoveAxisOrder(OrderBody):
         le=LONGEST_HELD_S,
         description="It ends by itself after so many seconds, if no further order prolongs it",
     )
+    job_id: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=64,
+        description="Goes into this job alone, the one that the first order of a motion began: refused once "
+        "that has ended, so that an order that comes late moves nothing",
+    )
 
 
 class OffsetRatesOrder(OrderBody):
@@ -831,6 +838,13 @@ class MoveAxisBody(ShortBody):
         gt=0,
         le=LONGEST_HELD_S,
         description="It ends by itself after so many seconds, if no further order prolongs it",
+    )
+    job_id: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=64,
+        description="Goes into this job alone, the one that the first order of a motion began: refused once "
+        "that has ended, so that an order that comes late moves nothing",
     )
 
 

@@ -253,7 +253,11 @@ def offset_rates(ra_arcsec_s: float, dec_arcsec_s: float, *, for_s: float | None
 
 
 def move_axis(
-    axis: Literal["primary", "secondary"], rate_deg_s: float, *, for_s: float | None = None
+    axis: Literal["primary", "secondary"],
+    rate_deg_s: float,
+    *,
+    for_s: float | None = None,
+    job_id: str | None = None,
 ) -> Order:
     """Move an axis on while it is held; `Client.move_axis` gives it, and never sends it a second time.
 
@@ -266,8 +270,10 @@ def move_axis(
         it.
     for_s : float, optional
         It ends by itself after so long, if no further order prolongs it; a second if left out, ten at most.
+    job_id : str, optional
+        Of the job that the first order began: refused once that has ended.
     """
-    return _order("move-axis", axis=axis, rate_deg_s=rate_deg_s, for_s=for_s)
+    return _order("move-axis", axis=axis, rate_deg_s=rate_deg_s, for_s=for_s, job_id=job_id)
 
 
 def trust() -> Order:

@@ -253,14 +253,16 @@ def move_axis(
     rate_deg_s: float,
     *,
     for_s: float | None = None,
+    job: Job | str | None = None,
     supersede: bool = False,
 ) -> Request[Job]:
     """Move an axis on for a moment; the job, in which it goes on as long as this is called again in time.
 
-    It is never sent again by itself: a motion that comes late is one that nobody wants any more. Options as
-    of `orders.move_axis`; 0 ends it.
+    It is never sent again by itself: a motion that comes late is one that nobody wants any more. So give the
+    first one's `job` with all that follow: they are refused once that has ended. 0 ends it.
     """
-    given = order(telescope_id, orders.move_axis(axis, rate_deg_s, for_s=for_s), supersede=supersede)
+    what = orders.move_axis(axis, rate_deg_s, for_s=for_s, job_id=None if job is None else _id_of(job))
+    given = order(telescope_id, what, supersede=supersede)
     return replace(given, again=False)
 
 

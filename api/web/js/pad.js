@@ -44,19 +44,32 @@ export function takePad(observatory) {
     while (held === mine) {
       const next = new Promise((done) => setTimeout(done, REPEAT_MS));
       try {
-        const job = await moveAxis(mine.id, { axis: mine.axis, rate_deg_s: mine.rate, for_s: FOR_S }, PATIENCE_MS);
+        const job = await moveAxis(mine.id, body(mine, mine.rate), PATIENCE_MS);
         if (held !== mine) break;
-        // another job goes on for it: how did the one before end?
-        if (mine.job && mine.job !== job.id) refuse(await get(`/v1/jobs/${encodeURIComponent(mine.job)}`));
         mine.job = job.id;
         refuse(job);
       } catch (error) {
         if (held !== mine) break;
-        release(mine, error);
+        release(mine, await whyEnded(mine, error));
         return;
       }
       await next;
     }
+  }
+
+  /** Repeats go into the first one's job alone: one that comes late, when it has ended, moves nothing. */
+  const body = (mine, rate) => ({ axis: mine.axis, rate_deg_s: rate, for_s: FOR_S, ...(mine.job ? { job_id: mine.job } : {}) });
+
+  /** A repeat that was refused since the motion has ended: the job knows why. */
+  async function whyEnded(mine, error) {
+    if (error.slug !== "bad-request" || !mine.job) return error;
+    mine.ended = true;
+    try {
+      refuse(await get(`/v1/jobs/${encodeURIComponent(mine.job)}`));
+    } catch (found) {
+      return found;
+    }
+    return new Error("the service heard nothing in time: press it again");
   }
 
   /** A motion that was refused, stopped, or ended by the mount doesn't begin again by itself. */
@@ -74,9 +87,9 @@ export function takePad(observatory) {
     mine.button.classList.remove("held");
     if (error) words(`${mine.name}: ended. ${error.message}`, "bad");
     if (error?.slug === "lease-lost") observatory.tell("lease-lost", mine.id, lease.get(mine.id), error);
-    if (error && !(error instanceof NoConnection) && !error.slug && mine.job) return; // it is over already
+    if (mine.ended) return;
     try {
-      await moveAxis(mine.id, { axis: mine.axis, rate_deg_s: 0, for_s: FOR_S }, PATIENCE_MS);
+      await moveAxis(mine.id, body(mine, 0), PATIENCE_MS);
       if (!error && !held) words(`${mine.name}: ended`, "");
     } catch (failure) {
       if (held || failure instanceof Dropped) return;

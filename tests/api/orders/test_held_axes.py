@@ -19,6 +19,7 @@ from api.orders.vocabulary import MoveAxisOrder, OffsetRatesOrder, ParkOrder, Tr
 from api.problems import Problem, Refused
 from api.service import Service
 from mountnav.devices import MountAxis, OffsetRates, RateSpan
+from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from mountnav.sky.sphere import separation_arcsec
 from tests.api.indi_server.face_rig import OBSERVATORY, mechanics_of, observatory, up_now
@@ -137,6 +138,24 @@ async def test_an_order_that_comes_again_under_its_key_moves_nothing_again(servi
         assert (await ordered(service, move(find, 0.5), key=key)).id == first.id
     await asyncio.sleep(0.3)
     assert separation_arcsec(before, mechanics_of(service).truth()) < 5.0
+
+
+async def test_an_order_that_comes_late_moves_nothing(service: Service) -> None:
+    """It was held up on its way: the motion that it was for has ended."""
+    _, _, find, _ = speeds(service)
+    job = await ordered(service, move(find, 0.5))
+    mine = move(find, 0.5).model_copy(update={"job_id": job.id})
+    assert (await ordered(service, mine)).id == job.id
+    await ended(job)
+    before = len(service.jobs.all())
+    with pytest.raises(BadRequest, match="has ended"):
+        await ordered(service, mine)
+    with pytest.raises(BadRequest, match="has ended"):
+        await ordered(service, move(find).model_copy(update={"job_id": "of no job"}))
+    # to end what has ended is fine
+    assert (await ordered(service, mine.model_copy(update={"rate_deg_s": 0.0}))).id == job.id
+    assert len(service.jobs.all()) == before
+    await at_rest(service)
 
 
 async def test_without_the_lease_nothing_is_moved_on(service: Service) -> None:
