@@ -202,7 +202,7 @@ class Dispatcher:
             supersede=supersede,
             needs=role_for(order),
             devices=devices,
-            within="hold" if isinstance(order, DitherOrder) else None,
+            within="hold" if isinstance(order, DitherOrder) and self._holds(telescope_id) else None,
         )
 
     async def give(
@@ -506,6 +506,10 @@ class Dispatcher:
         return done
 
     # -- inside --------------------------------------------------------------------------------------
+
+    def _holds(self, telescope_id: str) -> bool:
+        """Whether it holds a place by looks already, and takes dithers."""
+        return self._observatory.telescope(telescope_id).navigator.holds
 
     @contextlib.contextmanager
     def _others_held_back(self) -> Iterator[None]:

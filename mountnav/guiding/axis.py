@@ -16,13 +16,13 @@ from mountnav.guiding.periods import propose_period
 
 Array = NDArray[np.float64]
 
-SURE_SIGMAS = 1.5
+SURE_SIGMAS = 3.0
 """An axis is corrected once the looks show with so many sigma that their forecast beats doing nothing, and no
 more once they don't. Doubled, small drifts are left for twice as long."""
-UNPROVEN_SIGMAS = 3.0
+UNPROVEN_SIGMAS = 3.5
 """Before that, and where it isn't so any more, only what is off by so many sigma of the forecast is
 corrected. Halved, one look of ten disturbs a mount that stands still."""
-LEAST_LOOKS, EARLY_LOOKS, EARLY_SIGMAS = 2, 5, 5.0
+LEAST_LOOKS, EARLY_LOOKS, EARLY_SIGMAS = 2, 5, 3.5
 """Looks before anything is corrected; and up to so many only what is off by so many sigma: of few looks it can
 hardly be told what scatters and what moves. With half of these sigmas one mount of five that stands still is
 moved at its start."""
