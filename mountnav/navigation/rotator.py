@@ -353,7 +353,9 @@ class CheckedRotator:
             if abs(off_deg) > _LOST_DEG and not self.seen:
                 self.lost = (
                     f"its count was lost since it was seen last: it says {stands_deg:.1f}°, and the image "
-                    f"stands {off_deg:+.1f}° from where it stood at that count"
+                    f"stands {off_deg:+.1f}° from where it stood at that count (or the camera was "
+                    "turned in its "
+                    "holder, or the mount tells the wrong side of the pier)"
                 )
                 self._note(EntryKind.FAULT, f"{self.name}: {self.lost}", {"off_deg": off_deg})
                 self.listen("rotator-untrusted", {"words": self.lost})

@@ -33,8 +33,8 @@ from mountnav.simulation.sky_script import SkyScript
 from mountnav.simulation.sky_seen import SeenThrough, SkySeen
 from mountnav.simulation.truth_frame import FrameTruth
 from mountnav.simulation.virtual_time import VirtualClock
-from mountnav.sky.chain import icrs_to_hour_angle
-from mountnav.sky.coordinates import Air, Icrs, Site
+from mountnav.sky.chain import icrs_to_hour_angle, observed_to_icrs
+from mountnav.sky.coordinates import Air, Icrs, Observed, Site
 from mountnav.sky.sphere import position_angle_deg, separation_arcsec
 from mountnav.solution import Solution
 from mountnav.solving.settings import SolveSettings
@@ -245,6 +245,19 @@ def test_a_wrong_name_is_told_with_the_right_ones() -> None:
     assert by_name(points, "fiber") is points[1]
     with pytest.raises(BadRequest, match="slit, fiber"):
         by_name(points, "Fiber ")
+
+
+@pytest.mark.parametrize(("az_deg", "alt_deg"), [(100.0, 40.0), (180.0, 20.0), (260.0, 30.0), (350.0, 70.0)])
+def test_an_alt_azimuth_mount_s_camera_stands_alike_all_over_the_sky(az_deg: float, alt_deg: float) -> None:
+    place, above = (
+        observed_to_icrs(Observed(az_deg, alt, NOW), SITE, VACUUM) for alt in (alt_deg, alt_deg + 0.1)
+    )
+    # upright on the tube: +y looks towards the zenith; then turned by 10°, as rotations are counted
+    upright_deg = position_angle_deg(place, above)
+    frame = MountFrame("altaz", NOW, SITE)
+    for turned_deg in (0.0, 10.0, 200.0):
+        angle_deg = frame.angle_deg(place, upright_deg + turned_deg)
+        assert math.cos(math.radians(angle_deg - turned_deg)) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_the_mount_s_frame_counts_longitudes_to_the_east() -> None:

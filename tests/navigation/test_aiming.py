@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 from dataclasses import replace
+from datetime import timedelta
 
 import pytest
 
 from benchmarks.aiming import lived, true_place
 from mountnav.devices import PierSide
+from mountnav.ephemeris import SkyRatesTarget
 from mountnav.errors import BadRequest, NotReached, OutsideLimits, TargetNotReached
 from mountnav.journal.records import EntryKind
 from mountnav.navigation.aim_points import OffsetPoint, PixelPoint
@@ -18,7 +21,8 @@ from mountnav.simulation.mechanics import PointingErrors
 from mountnav.simulation.sky_seen import SeenThrough
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, position_angle_deg, separation_arcsec
-from tests.navigation.virtual_rig import ERRORS, VirtualRig, in_virtual_time
+from tests.navigation.rated_mount import RatedMount
+from tests.navigation.virtual_rig import ERRORS, SITE, VirtualRig, in_virtual_time
 
 GERMAN = Machine(mounting="german")
 THROUGH = SeenThrough(distortion_px2=3e-9)
@@ -179,6 +183,50 @@ def test_at_the_meridian_a_mount_that_always_changes_sides_is_not_sent_to_and_fr
         assert (await rig.navigator.center(target, at=PixelPoint("", 2900.0, 1000.0))).outcome == "centered"
 
     in_virtual_time(work, machine=GERMAN, turned_deg=0.0, errors=ERRORS)
+
+
+def test_a_moving_target_is_followed_on_a_point() -> None:
+    pixel = (2500.0, 300.0)
+
+    async def work(rig: VirtualRig) -> list[float]:
+        for ha_deg in (10.0, 20.0, 30.0):
+            await rig.navigator.center(rig.up(ha_deg, 40.0))
+        begins = rig.clock.utc()
+        target = SkyRatesTarget(rig.up(25.0, 30.0), 0.4, -0.3, begins, begins + timedelta(hours=2), "a mover")
+        off: list[float] = []
+
+        async def watch() -> None:
+            await rig.clock.sleep(180.0)
+            while True:
+                place = target.icrs(rig.clock.utc(), SITE)
+                off.append(off_arcsec(rig, place, *pixel))
+                await rig.clock.sleep(10.0)
+
+        watching = asyncio.ensure_future(watch())
+        try:
+            await rig.navigator.follow(
+                target, until_utc=begins + timedelta(minutes=20), tolerance_arcsec=10.0, at="slit"
+            )
+        finally:
+            watching.cancel()
+        return off
+
+    off = in_virtual_time(work, machine=GERMAN, made=RatedMount, points=(SLIT,), errors=PointingErrors())
+    assert len(off) > 50
+    # what was learned of scale and angle aims it: some arcseconds of 2400″
+    assert sorted(off)[len(off) // 2] < 15.0
+    assert max(off) < 40.0
+
+
+def test_a_moving_target_is_not_followed_on_a_point_that_nobody_knows() -> None:
+    async def work(rig: VirtualRig) -> None:
+        begins = rig.clock.utc()
+        target = SkyRatesTarget(rig.up(25.0, 30.0), 0.4, -0.3, begins, begins + timedelta(hours=2), "a mover")
+        with pytest.raises(BadRequest, match="nobody knows yet"):
+            await rig.navigator.follow(target, until_utc=begins + timedelta(minutes=20), at="slit")
+        assert not rig.told("slewing")
+
+    in_virtual_time(work, machine=GERMAN, made=RatedMount, points=(SLIT,))
 
 
 @pytest.mark.long
