@@ -438,7 +438,7 @@ def _yes_or_no(value: bool | None) -> str | None:
 
 
 _SIMULATED_DEG_S = 12.0
-"""How fast a simulated rotator turns, °/s: four times as fast as usual ones, as nobody likes to wait. Doubled,
+"""How fast a simulated rotator turns, °/s: four times as fast as usual ones: nobody likes to wait. Doubled,
 a demonstration hardly shows it turn."""
 
 

@@ -220,8 +220,6 @@ def test_every_kind_of_order_is_one_that_the_service_knows(client: Client) -> No
         "home": orders.home(),
         "tracking": orders.tracking(True, rate="lunar"),
         "guide": orders.guide("n", 0.5),
-        "follow": orders.follow(targets.named("Moon"), duration_s=60.0, tolerance_arcsec=5.0),
-        "forget-rates": orders.forget_rates(),
         "offset-rates": orders.offset_rates(0.5, -0.25, for_s=60.0),
         "move-axis": orders.move_axis("secondary", -0.2, for_s=0.5),
         "trust": orders.trust(),
