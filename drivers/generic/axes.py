@@ -95,7 +95,7 @@ class Axes:
         before = await self._motions.refusals.before_at_rest()
         if before.parked:
             raise parked("moving an axis", device=session.name)
-        if before.slewing and not session.axes:
+        if before.slewing and not (session.axes or session.drift.may):
             raise DeviceRefused("can't move an axis: it slews", device=session.name, reason=Refusal.BUSY)
 
         def wanted() -> bool:
