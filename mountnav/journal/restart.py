@@ -159,6 +159,9 @@ def _of_a_state(command: CommandRecord, now: MountReading, near: float) -> tuple
     if told is not None and told[0] is not None:
         state, wanted_state, yes, no = told
         return (Likely.CARRIED_OUT, yes) if state is wanted_state else (Likely.NOT_CARRIED_OUT, no)
+    if order in ("offset-rates", "move-axis"):
+        # `CheckedMount.take_up` has ended it before this is asked
+        return Likely.UNTOLD, "whether it was carried out isn't known; if it was, this start has ended it"
     if command.before is not None and (moved := _apart(now.place, command.before.place)) > near:
         return Likely.UNTOLD, f"{_arc(moved)} from where it was when it was ordered"
     return Likely.UNTOLD, "whether it was carried out isn't known"

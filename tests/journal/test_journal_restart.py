@@ -212,3 +212,32 @@ def test_places_of_two_kinds_are_compared_as_one() -> None:
     likely, _, miss_arcsec = judged(command, read(apparent_to_icrs(THERE)), 1.0)
     assert likely is Likely.CARRIED_OUT
     assert miss_arcsec == pytest.approx(0.0, abs=0.001)
+
+
+def beside_stars(ra_arcsec_s: float, telescope: str = "east") -> CommandRecord:
+    facts = {"ra_arcsec_s": ra_arcsec_s, "dec_arcsec_s": 0.0}
+    return CommandRecord(new_id(), telescope, at(9), "offset-rates", "segment", facts=facts)
+
+
+async def test_the_latest_orders_of_a_kind_are_found_with_their_ends(
+    killed: SqlJournal, after: SqlJournal
+) -> None:
+    first, second = beside_stars(1.0), beside_stars(2.0)
+    await killed.begin(first)
+    await killed.end(first.command_id, CommandEnd(at(9), Outcome.DONE))
+    await killed.begin(second)
+    await killed.begin(slew_of())
+    await killed.begin(beside_stars(3.0, "west"))
+    await after.begin(beside_stars(4.0))
+    found = after.reader.latest_of("offset-rates", "east", but_run=after.run_id, limit=5)
+    assert [(one.facts["ra_arcsec_s"], end is not None) for one, end in found] == [(2.0, False), (1.0, True)]
+    assert len(after.reader.latest_of("offset-rates", "east", but_run=after.run_id)) == 1
+    assert after.reader.latest_of("move-axis", "east") == []
+
+
+async def test_rates_in_flight_are_told_as_ended_by_this_start(killed: SqlJournal, after: SqlJournal) -> None:
+    await killed.begin(beside_stars(1.0))
+    restart = await take_up(after, after.reader, "east", standing())
+    assert restart.notice is not None
+    assert "an order of rates beside the stars'" in restart.notice
+    assert "this start has ended it" in restart.notice

@@ -51,7 +51,7 @@ mounting = "german"
 kind = "folder"
 path = "{folder}"
 [telescope.limits]
-sun_cone_deg = 0.0
+sun_cone_deg = 5.0
 min_altitude_deg = 5.0
 past_meridian_east_deg = 180.0
 past_meridian_west_deg = 180.0
