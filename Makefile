@@ -7,7 +7,7 @@ PYTEST_WORKERS ?= $(shell expr 3 \* $$(getconf _NPROCESSORS_ONLN 2>/dev/null || 
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test check format lock release clean
+.PHONY: help demo test check format lock deb release clean
 
 .DEFAULT_GOAL := help
 
@@ -16,7 +16,8 @@ help:
 	@echo "make test    lint, types, import contracts and the whole test suite"
 	@echo "make check   lint, types and import contracts only"
 	@echo "make format  let ruff format the code"
-	@echo "make lock    resolve the dependencies anew into requirements.lock"
+	@echo "make lock    resolve the dependencies anew into requirements.lock and requirements-runtime.lock"
+	@echo "make deb     a Debian package in dist/, for this Debian's own Python"
 	@echo "make release wheel, sdist and SBOM of a tagged version in dist/, checked (docs/release.md)"
 
 # The stamp stands for: environment made, locked dependencies in it, mountnav installed editable.
@@ -48,10 +49,16 @@ format: $(VENV)/.set-up
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-# --no-emit-index-url: the lock names versions and hashes, never a host.
+# --no-emit-index-url: the locks name versions and hashes, never a host. The second one is for images and packages:
+# what runs needs, in the same versions as it was tested with.
 lock: $(VENV)/.set-up
 	$(BIN)/uv pip compile pyproject.toml --group dev --universal --python-version 3.11 --generate-hashes \
 		--upgrade --no-emit-index-url --no-annotate --no-header --output-file requirements.lock
+	$(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
+		--no-emit-index-url --no-annotate --no-header --constraint requirements.lock --output-file requirements-runtime.lock
+
+deb:
+	deploy/debian/build dist
 
 # What goes out is built from the tag alone, checked as an index shows it, and run once from an empty environment.
 release: $(VENV)/.set-up

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from api.batch.inputs import FrameFile
 from api.batch.rows import FRAME_COLUMNS, Cell, Column, Row
 from mountnav.errors import BadRequest
+from mountnav.extras import extra
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -100,7 +101,8 @@ class ParquetTable:
     """
 
     def __init__(self, path: str, columns: Sequence[Column]) -> None:
-        import pyarrow as pa
+        with extra("parquet", "Parquet files"):
+            import pyarrow as pa
 
         self._path = Path(path)
         self._schema = pa.schema(
@@ -324,7 +326,8 @@ def _read_rows(path: str) -> Iterator[dict[str, Any]]:
     kind = kind_of(path)
     try:
         if kind == "parquet":
-            import pyarrow.parquet as pq
+            with extra("parquet", "Parquet files"):
+                import pyarrow.parquet as pq
 
             from mountnav.files import require_plain
 

@@ -13,6 +13,7 @@ import typer
 from api.cli.options import Calibration, Catalog, Config, Dec, Json, Profile, Ra, Radius, Scale
 from api.cli.output import refusing_os_errors
 from mountnav.errors import BadRequest
+from mountnav.extras import extra
 
 if TYPE_CHECKING:
     from api.cli.accuracy_record import AccuracyRecord, FrameAccuracy, IndicatorRecord, RowRecord
@@ -67,6 +68,9 @@ def accuracy(
         with refusing_os_errors(f"--plot {plot}", advice="name a folder that can be made"):
             plot.mkdir(parents=True, exist_ok=True)
     solver = FileSolver(shelf, hint, None, settings)
+    if plot is not None:  # known now, and not after all frames are solved
+        with extra("plots", "plots"):
+            from api.cli.accuracy_plots import write_plots
     outcomes = [(shown(path), _outcome(path, solver)) for path in frames]
     record = accuracy_record(outcomes, percents, every=all_pairs, leave_one_out=leave_one_out)
     if as_json:
@@ -76,8 +80,6 @@ def accuracy(
     else:
         _show(record)
     if plot is not None and record.solved:
-        from api.cli.accuracy_plots import write_plots
-
         solutions = [outcome for _, outcome in outcomes if isinstance(outcome, Solution)]
         for path in write_plots(solutions, plot, every=all_pairs, leave_one_out=leave_one_out):
             sys.stderr.write(f"{path}\n")

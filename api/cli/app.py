@@ -10,12 +10,14 @@ from api.cli.accuracy import accuracy
 from api.cli.bench import bench
 from api.cli.calibrate import calibrate_app
 from api.cli.catalog import catalog_app
+from api.cli.check import check
 from api.cli.demo import demo
 from api.cli.drift import drift
 from api.cli.ephemeris import ephemeris_app
 from api.cli.fake_mount import fake_mount
 from api.cli.first_light import first_light
 from api.cli.indi_driver import indi_driver
+from api.cli.init import init
 from api.cli.journal import journal_app
 from api.cli.keys import key_app
 from api.cli.model import model_app
@@ -23,6 +25,7 @@ from api.cli.night import night_app
 from api.cli.pointing_doctor import pointing_doctor
 from api.cli.ports import ports
 from api.cli.replay import replay
+from api.cli.report import report
 from api.cli.series import series
 from api.cli.serve import serve
 from api.cli.site_time import site_time
@@ -34,7 +37,6 @@ app = typer.Typer(
     name="mountnav",
     help="Finds out where a telescope really points, and puts it where it should.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 # in the order in which help lists them
@@ -48,8 +50,11 @@ app.command("ports")(ports)
 app.command("first-light")(first_light)
 app.command("site-time")(site_time)
 app.command("replay")(replay)
+app.command("report")(report)
 app.command("drift")(drift)
 app.command("pointing-doctor")(pointing_doctor)
+app.command("init")(init)
+app.command("check")(check)
 app.command("serve")(serve)
 app.command("indi-driver")(indi_driver)
 app.command("demo")(demo)

@@ -219,6 +219,41 @@ def check(
     raise typer.Exit(1 if found.damage else 0)
 
 
+@journal_app.command()
+def backup(
+    target: Annotated[Path, typer.Argument(help="The file to write, or a folder.")],
+    force: Annotated[bool, typer.Option("--force", help="Write over a file that is there.")] = False,
+    journal: Where = None,
+    config: JournalConfig = None,
+) -> None:
+    """Copy it whole into a file, also while the service runs. The copy is a journal of its own."""
+    from mountnav.clock import utc_now
+    from mountnav.journal.backup import back_up
+
+    written = back_up(_where(journal, config), target, utc_now(), force=force)
+    typer.echo(f"{written}: {written.stat().st_size / 1e6:.1f} MB, sound")
+
+
+@journal_app.command()
+def restore(
+    file: Annotated[Path, typer.Argument(help="What `mountnav journal backup` has written.")],
+    journal: Where = None,
+    config: JournalConfig = None,
+) -> None:
+    """Put a backup in its place, while no service runs. What is there is kept beside it."""
+    from mountnav.clock import utc_now
+    from mountnav.journal.backup import restore as put_back
+
+    where = _where(journal, config)
+    kept = put_back(file, where, utc_now())
+    typer.echo(f"{where} is that of {file} now")
+    if kept is not None:
+        typer.echo(f"what was there is kept as {kept}")
+    typer.echo(
+        "mounts that stand elsewhere than it says won't be trusted until a look shows where they point"
+    )
+
+
 def _wanted(
     telescope: str | None,
     kinds: list[str] | None = None,
@@ -247,18 +282,24 @@ def _wanted(
 
 
 def _reader(journal: str | None, config: Path | None) -> JournalReader:
-    """The journal that --journal names, else the settings file, else the environment, else the user's own."""
-    from mountnav.journal.database import default_url
+    """A reader of the journal that is meant."""
     from mountnav.journal.reading import JournalReader
 
+    return JournalReader(_where(journal, config))
+
+
+def _where(journal: str | None, config: Path | None) -> str:
+    """The journal that --journal names, else the settings file, else the environment, else the user's own."""
+    from mountnav.journal.database import default_url
+
     if journal is not None:
-        return JournalReader(journal)
+        return journal
     if config is None:
-        return JournalReader(default_url())
+        return default_url()
     # importing the models of the settings file takes long: most commands need none
     from mountnav.settings.observatory import Settings
 
-    return JournalReader(Settings.load(config).journal.where)
+    return Settings.load(config).journal.where
 
 
 def _exists(reader: JournalReader) -> bool:

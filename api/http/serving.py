@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import logging
 import signal
@@ -20,6 +21,7 @@ from api.demo.observatory import demo_journal
 from api.http.app import create_app
 from api.http.connections import Bounds, Gate
 from api.http.routes import truth
+from api.http.service_manager import ServiceManager
 from api.http.strict_requests import KnownQueryOnly
 from api.listeners.admission import ask_for_enough, descriptors_at_hand, nova_shares, shares
 from api.observatory.virtual import VirtualHeader, virtual_days
@@ -28,6 +30,9 @@ from mountnav.clock import utc_now, virtual_time
 from mountnav.errors import BadSettings, MountnavError
 from mountnav.settings.observatory import Settings
 from mountnav.sky.iers import read_tables
+from mountnav.tasks import begun, fault_words
+
+_log = logging.getLogger(__name__)
 
 _GOODBYE_S = 5
 """How long uvicorn lets open requests end at the shutdown, s; the mounts are stopped before. Doubled, a
@@ -50,6 +55,8 @@ class ObservatoryServer(uvicorn.Server):
         super().__init__(config)
         self._observatory_app = app
         self._own_process = own_process
+        self._manager = ServiceManager() if own_process else ServiceManager({})
+        self._watchdog: asyncio.Task[None] | None = None
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -77,8 +84,10 @@ class ObservatoryServer(uvicorn.Server):
             # uvicorn's backlog is also how many are accepted in one turn: few, so that idle ones can be
             # closed in between; the kernel may keep more waiting
             listener.listen(_WAITING)
-        if not self._own_process:
+        if not self._own_process or self.should_exit:
             return
+        self._watchdog = begun(self._manager.feed_watchdog(), "watchdog", died=self._unfed)
+        self._manager.tell("READY=1", f"STATUS={_status(self._observatory_app)}")
         # what is here by now stays: going through all of it took the collector up to 0.2 s each time
         gc.collect()
         gc.freeze()
@@ -87,10 +96,25 @@ class ObservatoryServer(uvicorn.Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop the mounts, end the event streams, then go down as uvicorn does."""
+        self._manager.tell("STOPPING=1", "STATUS=stopping the mounts")
         service: Service | None = getattr(self._observatory_app.state, "service", None)
         if service is not None:
             await service.halt()
         await super().shutdown(sockets)
+        if self._watchdog is not None:
+            self._watchdog.cancel()
+
+    def _unfed(self, fault: Exception) -> None:
+        """The watchdog is fed no more: the manager ends this service, which is said beforehand."""
+        _log.error("the watchdog can't be fed: %s", fault_words(fault))
+
+
+def _status(app: FastAPI) -> str:
+    """A line for `systemctl status`."""
+    settings: Settings = app.state.settings
+    host, port = app.state.http_address
+    names = ", ".join(one.id for one in settings.telescope)
+    return f"observatory at http://{f'[{host}]' if ':' in host else host}:{port}: {names}"
 
 
 def make_server(app: FastAPI, *, log_level: str = "info", own_process: bool = False) -> ObservatoryServer:

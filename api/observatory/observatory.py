@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -348,7 +349,7 @@ def require_devices(settings: Settings, file: Path | None = None) -> None:
                         advice=f"there is: {', '.join(known)}",
                     )
             else:
-                open_mount(_with_options(one.mount.url, one), name=one.id, site=settings.site.site)
+                mount_of(one, settings)
         with _told_of(file, number, one, "limits", "horizon_file"):
             # reads the file of the horizon
             _ = one.limits.limits
@@ -358,6 +359,26 @@ def require_devices(settings: Settings, file: Path | None = None) -> None:
                     open_camera(camera.device_url, name=one.id)
                 case IndiCameraSettings(url=url):
                     open_camera(url, name=one.id)
+
+
+def mount_of(one: TelescopeSettings, settings: Settings, *, asked_only: bool = False) -> Mount:
+    """The driver of a telescope's real mount, not opened.
+
+    Parameters
+    ----------
+    asked_only : bool
+        Opening it sets neither its clock nor its site, whatever the settings say.
+
+    Raises
+    ------
+    BadSettings
+        Its URL or an option of it makes no sense.
+    """
+    if asked_only:
+        asked = re.sub(r"(?<=[?&])set_(clock|site)=[^&#]*&?", "", one.mount.url).rstrip("?&")
+        mount = one.mount.model_copy(update={"url": asked, "set_clock": False, "set_site": False})
+        one = one.model_copy(update={"mount": mount})
+    return open_mount(_with_options(one.mount.url, one), name=one.id, site=settings.site.site)
 
 
 @contextmanager

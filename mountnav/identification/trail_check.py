@@ -21,6 +21,7 @@ from mountnav.identification.double_exposure import (
     second_sources,
     unexplained_light,
 )
+from mountnav.identification.faint_exposure import FaintExposure, faint_exposure
 from mountnav.identification.field_rotation import Centers, FieldMotion, centers_of_light, field_motion
 from mountnav.identification.pairing import Predicted, predicted
 from mountnav.identification.plate import Plate
@@ -175,7 +176,7 @@ def check_trails(
     assert stars is not None
     fwhm_px = _fwhm_px(measurements, reference.pairs.measurement)
     bins = in_bins(pixels, summed)
-    frame = _Frame(stars, measurements, pixels, tamed(pixels, bins), fwhm_px, sky)
+    frame = _Frame(stars, measurements, pixels, bins, tamed(pixels, bins), fwhm_px, sky)
     ratio, how = brighter_image(pixels, *_expected(reference, stars, measurements), frame.plane)
     if ratio > GHOST_RATIO:
         return TrailCheck(_as_ghosts(found, ratio, how), measurements, None, points=False)
@@ -203,8 +204,10 @@ class _Frame:
     measurements : Measurements
         As they were found, before any move.
     pixels : ndarray, shape (height, width)
+    bins : (Image, Image)
+        The pixels in bins (`star_trail.in_bins`).
     plane : (Image, Image)
-        The pixels in bins, cut so that no bright star counts for much (`star_trail.tamed`).
+        The same, cut so that no bright star counts for much (`star_trail.tamed`).
     fwhm_px : float
         Median over the identified sources.
     sky : callable or None
@@ -214,6 +217,7 @@ class _Frame:
     stars: Stars
     measurements: Measurements
     pixels: NDArray[np.generic]
+    bins: tuple[Image, Image]
     plane: tuple[Image, Image]
     fwhm_px: float
     sky: StarsInCone | None
@@ -248,6 +252,9 @@ def _contradicted(
     why = _bright_unexplained(patches, reference, frame.stars, frame.measurements, frame.sky)
     if why:
         return _as_unexplained(found, why)
+    faint = _faint_exposure(patches, reference, path, frame)
+    if faint is not None:
+        return _as_faint_exposure(found, faint)
     other = _second_field(patches, reference, frame.stars, frame.measurements, frame.sky)
     if other is not None and not _in_path(path, other, field.half_px):
         return _as_two_fields(found, other)
@@ -525,6 +532,36 @@ def _bright_unexplained(
         f"{strange} sources brighter than the middle of the {known.size} identified stars are none that the "
         f"catalog has (two exposures in one?)"
     )
+
+
+def _faint_exposure(
+    patches: LightSegments, reference: Reference, path: StarTrail, frame: _Frame
+) -> FaintExposure | None:
+    """A second exposure whose images are too faint, one by one, outside of the path; None of many stars.
+
+    On many stars the mean image shows it (`StarTrail`).
+    """
+    if len(reference.pairs) >= MANY_PAIRS:
+        return None
+    there, _, light = _in_frame(reference.plate, frame.stars, frame.measurements)
+    left = unexplained_light(patches, there.x_px, there.y_px, light)
+    if left is None:
+        return None
+    found = faint_exposure(
+        frame.bins, patches, there.x_px, there.y_px, left, least_pull_px=_moved_px(frame.fwhm_px)
+    )
+    if found is None or path.holds(found.offset_px.real, found.offset_px.imag):
+        return None
+    return found
+
+
+def _as_faint_exposure(found: Identified, faint: FaintExposure) -> Identified:
+    detail = (
+        f"{abs(faint.offset_px):.0f} px from {faint.stars} of the identified stars lies {faint.share:.2f} of "
+        f"their light once more (two exposures in one?): the exposure's middle is {faint.pull_px:.0f} px away"
+    )
+    numbers = found.numbers | {"second_image_ratio": faint.share, "second_sky_px": abs(faint.offset_px)}
+    return replace(found, reference=None, reason=Reason.TRAILED, detail=detail, numbers=numbers)
 
 
 def _as_unexplained(found: Identified, why: str) -> Identified:

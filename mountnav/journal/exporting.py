@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from sqlalchemy import Boolean, Integer, Table
 
 from mountnav.errors import BadRequest
+from mountnav.extras import extra
 from mountnav.journal.database import Facts, Number, UtcTime
 from mountnav.journal.reading import ALL, JournalReader, Wanted
 from mountnav.journal.tables import command, entry, look
@@ -157,6 +156,10 @@ def _iso(utc: datetime) -> str:
 
 def _parquet(path: Path, what: str, columns: list[Exported], rows: Iterable[Mapping[str, Any]]) -> int:
     """Instants as microseconds UTC; the unit stands in each field's metadata under ``unit``."""
+    with extra("parquet", "Parquet files"):
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
     kinds = {
         "time": pa.timestamp("us", tz="UTC"),
         "number": pa.float64(),

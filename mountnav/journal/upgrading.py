@@ -65,6 +65,22 @@ def is_begun(connection: Connection, url: URL) -> bool:
     return _checked(connection, url) is not None
 
 
+def require_known_version(url: URL) -> None:
+    """Raise `BadSettings` unless it is a journal of today's version or an older one."""
+    engine = connectable(url, "read")
+    try:
+        with engine.connect() as connection, connection.begin():
+            begun = is_begun(connection, url)
+    except (SQLAlchemyError, UnicodeDecodeError) as error:
+        raise unusable(error, url) from error
+    finally:
+        engine.dispose()
+    if not begun:
+        raise BadSettings(
+            "this is no journal of mountnav", device=shown_url(url), advice="name a file of journal backup"
+        )
+
+
 def unusable(error: Exception, url: URL) -> JournalFailed:
     """What to raise for a database's error at opening."""
     if is_damage(error):

@@ -12,6 +12,7 @@ import numpy as np
 
 from mountnav.clock import utc_now
 from mountnav.errors import BadRequest
+from mountnav.extras import extra
 from mountnav.files import read_text
 from mountnav.pointing.model.fit import Fit, fit
 from mountnav.pointing.model.mechanical import Conversion, Mechanical, mechanical
@@ -90,7 +91,8 @@ class FittedPointing:
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw what the model leaves over: a point a look, with a ring at the RMS."""
-        import matplotlib.pyplot as plt
+        with extra("plots", "plots"):
+            import matplotlib.pyplot as plt
 
         if axes is None:
             _, axes = plt.subplots(figsize=(5, 5))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mountnav.catalog.catalog_set import CatalogSet
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadRequest, SolveFailed
+from mountnav.extras import extra
 from mountnav.frames import Frame, Hint
 from mountnav.library.images import Image, read
 from mountnav.sky.coordinates import Icrs
@@ -257,7 +258,8 @@ class SolvedFrame:
         -------
         Axes
         """
-        import matplotlib.pyplot as plt
+        with extra("plots", "plots"):
+            import matplotlib.pyplot as plt
 
         if axes is None:
             _, axes = plt.subplots(figsize=(7, 7 * self.frame.height_px / self.frame.width_px))

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.errors import BadFrame
+from mountnav.extras import extra
 from mountnav.reading.content import Content, stored
 from mountnav.reading.fits_headers import MOST_PIXELS, Value, parsed_value
 from mountnav.reading.unpacking import check_ratio
@@ -297,7 +298,9 @@ def _part(name: str, packed: bytes, length: int) -> bytes:
         except zlib.error as fault:
             raise _Unfit(f"its data are damaged: {fault}") from fault
     else:
-        import pyarrow as pa  # a tenth of a second, and other files do without
+        # a tenth of a second, and other files do without
+        with extra("parquet", f"XISF files packed by {name}", BadFrame):
+            import pyarrow as pa
 
         try:
             plain = pa.Codec(_CODECS[name]).decompress(packed, length, asbytes=True) if length else b""

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import re
+import shutil
+import subprocess
 from collections.abc import AsyncIterator
+from pathlib import Path
 
 import httpx
 import pytest
+import yaml
 from prometheus_client.parser import text_string_to_metric_families
 
 from tests.api.conftest import Serve
+from tests.conftest import ROOT
 
 PATIENCE_S = 60.0
 Samples = dict[tuple[str, frozenset[tuple[str, str]]], float]
@@ -135,3 +142,53 @@ async def _requests_are_counted_by_their_templates_and_names_follow_the_rules(
         assert family.documentation
         for sample in family.samples:
             assert family.type != "counter" or sample.name.endswith(("_total", "_created")), sample.name
+
+
+DEPLOY = ROOT / "deploy"
+ALERTS, DASHBOARD = DEPLOY / "prometheus" / "mountnav.rules.yml", DEPLOY / "grafana" / "mountnav.json"
+LABELS = {"telescope", "outcome", "state", "kind", "on_expiry", "direction", "le", "job", "version"}
+"""Those of `docs/metrics.md`, and Prometheus' own."""
+
+
+def _expressions(file: Path) -> list[str]:
+    """All queries of a file of alerts or of a dashboard."""
+    if file.suffix == ".yml":
+        rules = yaml.safe_load(file.read_text())["groups"]
+        return [rule["expr"] for group in rules for rule in group["rules"]]
+    panels = json.loads(file.read_text())["panels"]
+    return [target["expr"] for panel in panels for target in panel["targets"]]
+
+
+@pytest.mark.parametrize("file", [ALERTS, DASHBOARD], ids=lambda file: file.name)
+async def test_what_alerts_and_dashboard_ask_for_is_told(file: Path, client: httpx.AsyncClient) -> None:
+    text = (await client.get("/metrics")).text
+    told = {family.name for family in text_string_to_metric_families(text)}
+    asked = _expressions(file)
+    assert len(asked) > 10
+    for expression in asked:
+        for name in re.findall(r"\b(?:mountnav|process)_\w+", expression):
+            family = re.sub(r"_(total|bucket|count|sum)$", "", name)
+            assert family in told or name in told, f"{name} in {expression}"
+        for inside in re.findall(r"\{([^}]*)\}", expression):
+            assert set(re.findall(r"(\w+)\s*(?:=~|!~|!=|=)", inside)) <= LABELS, expression
+
+
+def test_alerts_come_when_they_should() -> None:
+    promtool = shutil.which("promtool")
+    if promtool is None:
+        pytest.skip("promtool is not on this machine (Debian: prometheus)")
+    for told in (["check", "rules", ALERTS], ["test", "rules", ALERTS.with_suffix(".test.yml")]):
+        done = subprocess.run([promtool, *map(str, told)], capture_output=True, text=True, cwd=ALERTS.parent)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_dashboards_panels_do_not_overlap() -> None:
+    board = json.loads(DASHBOARD.read_text())
+    taken: set[tuple[int, int]] = set()
+    for panel in board["panels"]:
+        place = panel["gridPos"]
+        assert place["x"] + place["w"] <= 24
+        cells = {(place["x"] + i, place["y"] + j) for i in range(place["w"]) for j in range(place["h"])}
+        assert not cells & taken, panel["title"]
+        taken |= cells
+    assert len({panel["id"] for panel in board["panels"]}) == len(board["panels"])

@@ -61,6 +61,8 @@ OF_TWO_SCALES, BRIGHTER_TRAILS = 72359, 72521
 TURNED_UNDER_CLOUD = 73058
 # 20 px off: seven stars of a double exposure whose second images are too faint to be found singly
 SEVEN_OF_A_DOUBLE = 73177
+# 30 px off: a sixth of the light is a trail 142 px away, of which only one star's image is a patch of light
+FAINT_THIRD_EXPOSURE = 75741
 
 
 @pytest.mark.parametrize(
@@ -74,6 +76,7 @@ SEVEN_OF_A_DOUBLE = 73177
         BRIGHTER_TRAILS,
         TURNED_UNDER_CLOUD,
         SEVEN_OF_A_DOUBLE,
+        FAINT_THIRD_EXPOSURE,
         *(
             pytest.param(one, marks=pytest.mark.long)
             for one in (FEW_OF_A_DOUBLE, THIN_TAIL, FAR_PIECE, UNSURE_MIDDLE)

@@ -49,7 +49,14 @@ class FakeOnPty(Bench):
 
     def _open(self) -> None:
         # the slave is kept open here, so that the master survives the time between two clients
-        pairs = [os.openpty()]
+        try:
+            pairs = [os.openpty()]
+        except OSError as error:
+            raise DeviceMissing(
+                f"no pseudo-terminal can be had for a fake mount: {error.strerror}",
+                advice="mount devpts on /dev/pts (a bare chroot has none), or allow it to this service; or "
+                "let the fake listen on TCP: mountnav fake-mount --tcp",
+            ) from error
         while os.ttyname(pairs[-1][1]) == self._device:
             # a device comes back under another name
             pairs.append(os.openpty())

@@ -288,3 +288,13 @@ def test_nothing_is_left_open() -> None:
             bench.hang_up()
         bench.stop()
     assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_a_machine_without_pseudo_terminals_is_told_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none() -> tuple[int, int]:
+        raise OSError(19, "No such device")
+
+    monkeypatch.setattr(os, "openpty", none)
+    with pytest.raises(DeviceMissing, match="no pseudo-terminal can be had") as told:
+        FakeOnPty(Echo()).start()
+    assert "devpts" in (told.value.advice or "")

@@ -27,6 +27,7 @@ from mountnav.catalog.readers.gaia.tables import (
     require_unit,
 )
 from mountnav.errors import BadCatalog
+from mountnav.extras import extra
 from mountnav.files import open_unpacked
 
 _PIECE_BYTES = 256 * 2**20
@@ -188,8 +189,9 @@ class CsvFile:
             ) from broken
 
     def _values(self, at: int, text: bytes, quantities: Sequence[str]) -> dict[str, NDArray[Any]]:
-        import pyarrow as pa
-        from pyarrow import csv as pa_csv
+        with extra("parquet", "Gaia's CSV files", BadCatalog):
+            import pyarrow as pa
+            from pyarrow import csv as pa_csv
 
         key_at = {self._at[key]: key for key in quantities}
         is_number = {key: QUANTITIES[key].kind == "number" for key in quantities}
@@ -271,8 +273,9 @@ def _is_number(cell: str) -> bool:
 
 def _source_ids(column: Any) -> NDArray[np.int64]:
     """Identifiers; 0 for what is none, such as one that lost its last digits in a spreadsheet."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
+    with extra("parquet", "Gaia's CSV files", BadCatalog):
+        import pyarrow as pa
+        import pyarrow.compute as pc
 
     column = pc.utf8_trim_whitespace(column.fill_null(""))
     whole = pc.match_substring_regex(column, _SOURCE_ID)

@@ -22,6 +22,7 @@ from mountnav.catalog.readers.gaia.tables import (
     require_unit,
 )
 from mountnav.errors import BadCatalog
+from mountnav.extras import extra
 from mountnav.files import open_buffered
 
 if TYPE_CHECKING:
@@ -47,8 +48,9 @@ class ParquetFile:
     """
 
     def __init__(self, path: Path) -> None:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+        with extra("parquet", "Parquet files", BadCatalog):
+            import pyarrow as pa
+            import pyarrow.parquet as pq
 
         self.path = path
         size = path.stat().st_size

@@ -1,0 +1,90 @@
+"""systemd is told when the service is up, that its loop turns, and that it goes down."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from api.http.service_manager import ServiceManager
+from tests.conftest import ROOT
+
+WATCHDOG_S = 1.5
+
+
+@pytest.mark.parametrize("abstract", [False, True])
+def test_a_served_observatory_tells_its_manager(
+    abstract: bool, tmp_path: Path, observatory_toml: str
+) -> None:
+    config = tmp_path / "observatory.toml"
+    config.write_text(observatory_toml)
+    name = f"@mountnav-test-{os.getpid()}" if abstract else str(tmp_path / "notify")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind("\0" + name[1:] if abstract else name)
+        manager.settimeout(120)
+        environment = {
+            **os.environ,
+            "NOTIFY_SOCKET": name,
+            "WATCHDOG_USEC": str(int(WATCHDOG_S * 1e6)),
+            "MOUNTNAV_JOURNAL": str(tmp_path / "journal.sqlite"),
+        }
+        process = subprocess.Popen(
+            [sys.executable, "-m", "api.main", "serve", "--config", str(config)],
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            said = [manager.recv(4096).decode()]
+            while not any(one.startswith("READY=1") for one in said):
+                said.append(manager.recv(4096).decode())
+            ready = next(one for one in said if one.startswith("READY=1"))
+            assert "STATUS=observatory at http://127.0.0.1:" in ready
+            assert "east" in ready
+            fed = 0
+            while fed < 3:
+                fed += manager.recv(4096) == b"WATCHDOG=1"
+            process.send_signal(signal.SIGTERM)
+            while not manager.recv(4096).startswith(b"STOPPING=1"):
+                pass
+            assert process.wait() in {0, -signal.SIGTERM}
+        finally:
+            process.kill()
+            process.wait()
+
+
+def test_a_watchdog_of_another_process_is_not_fed() -> None:
+    given = {"NOTIFY_SOCKET": "/run/none", "WATCHDOG_USEC": "2000000"}
+    assert ServiceManager(given).watchdog_s == 2.0
+    assert ServiceManager(given | {"WATCHDOG_PID": str(os.getpid())}).watchdog_s == 2.0
+    assert ServiceManager(given | {"WATCHDOG_PID": "1"}).watchdog_s is None
+
+
+@pytest.mark.parametrize("word", ["", "0", "-5", "soon", "1e6", "٣", "9" * 40])
+def test_a_span_that_makes_no_sense_is_none(word: str) -> None:
+    assert ServiceManager({"WATCHDOG_USEC": word}).watchdog_s is None
+
+
+def test_a_manager_that_is_gone_keeps_nobody_from_work(caplog: pytest.LogCaptureFixture) -> None:
+    ServiceManager({"NOTIFY_SOCKET": "/there/is/none"}).tell("READY=1")
+    assert "READY=1" in caplog.text
+    ServiceManager({}).tell("READY=1")
+
+
+def test_the_unit_leaves_little_to_attack() -> None:
+    analyze = shutil.which("systemd-analyze")
+    if analyze is None:
+        pytest.skip("systemd-analyze is not on this machine")
+    unit = str(ROOT / "deploy" / "mountnav.service")
+    done = subprocess.run(
+        [analyze, "security", "--offline=yes", "--threshold=25", unit], capture_output=True, text=True
+    )
+    if "unrecognized option" in done.stderr or "Unknown option" in done.stderr:
+        pytest.skip("this systemd-analyze can't judge a file")
+    assert done.returncode == 0, done.stdout[-300:] + done.stderr
