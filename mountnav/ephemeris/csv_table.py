@@ -46,7 +46,7 @@ _APPARENT_SIGMA_ARCSEC: Final = 0.35
 
 def looks_like_csv(text: str) -> bool:
     """Whether a text has a header line with a time and places, separated by commas."""
-    return re.search(r"(?m)^(utc|jd_utc)\s*,", text) is not None
+    return re.search(r"(?m)^(utc|jd_utc)[ \t]*,", text) is not None
 
 
 def read_csv_table(text: str) -> Table:

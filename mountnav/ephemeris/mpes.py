@@ -13,7 +13,7 @@ from mountnav.ephemeris.table import MOST_ROWS, Observer, Table, TableRow
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs
 
-_TITLE: Final = re.compile(r"Date\s+UT\s+R\.A\. \(J2000\) Decl\.\s+Delta\s+r\s")
+_TITLE: Final = re.compile(r"Date {1,20}UT {1,20}R\.A\. \(J2000\) Decl\. {1,20}Delta {1,20}r ")
 _ROW: Final = re.compile(r"\s*([0-9]{4}) ([0-9]{2}) ([0-9]{2})(?: ([0-9]{2,6}))?\s+(.+)")
 _MOST_PAGE: Final = 3_000_000
 """Letters of a page at most: rows for two months by the minute."""

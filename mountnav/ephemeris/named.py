@@ -64,6 +64,7 @@ def _told(found: Found) -> str:
 
 _NUMERALS: Final = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV")
 _PLANETS: Final = {4: "Mars", 5: "Jupiter", 6: "Saturn", 7: "Uranus", 8: "Neptune", 9: "Pluto"}
+"""NAIF's hundreds of the planets' systems."""
 _NUMBERED: Final = {
     name: f"{_PLANETS[NAIF_IDS[name] // 100]} {_NUMERALS[NAIF_IDS[name] % 100 - 1]}" for name in SATELLITES
 }

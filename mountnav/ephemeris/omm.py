@@ -51,7 +51,7 @@ def looks_like_omm(text: str) -> bool:
         return "omm" in head.lower()
     if head.startswith(("{", "[")):
         return '"MEAN_MOTION"' in text
-    return re.search(r"(?m)^\s*CCSDS_OMM_VERS\s*=|^OBJECT_NAME\s*,", head) is not None
+    return re.search(r"(?m)^[ \t]*CCSDS_OMM_VERS[ \t]*=|^OBJECT_NAME[ \t]*,", head) is not None
 
 
 def read_omm(text: str) -> tuple[SatelliteElements, ...]:
@@ -67,7 +67,7 @@ def read_omm(text: str) -> tuple[SatelliteElements, ...]:
         records: Iterator[Mapping[str, Any]] = _of_xml(text)
     elif head in ("{", "["):
         records = _of_json(text)
-    elif re.search(r"(?m)^\s*CCSDS_OMM_VERS\s*=", text):
+    elif re.search(r"(?m)^[ \t]*CCSDS_OMM_VERS[ \t]*=", text):
         records = _of_kvn(text)
     else:
         records = _of_csv(text)

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.ephemeris.elements import GM_SUN_AU3_DAY2, Covariance, OrbitElements, two_body
-from mountnav.ephemeris.span import require_aware
+from mountnav.ephemeris.span import require_aware, require_within
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs, Site
-from mountnav.sky.kernel import barycentric_state_km
+from mountnav.sky.kernel import barycentric_state_km, span_jd
 from mountnav.sky.observer import AU_KM, direction, earth_barycentric_km, instant, seen_from
 
 Vector = NDArray[np.float64]
@@ -50,6 +50,9 @@ _TOLERANCE: Final = 1e-11
 _STEPS_A_CALL: Final = 800
 """Steps of one question at most: 1.5 s of a slow core. An orbit of the main belt takes 25 a year; who asks
 for more gets a refusal, not a service that doesn't answer."""
+_EDGE_DAYS: Final = 60.0
+"""So far from the end of the planets' places a way ends: a step of the integration may reach beyond its
+instant. Doubled, two months more are missing."""
 _LONGEST_YEARS: Final = 15.0
 """So far from the epoch elements are used. Doubled, sums of unmodeled pulls grow by four, and an answer takes
 longer."""
@@ -189,13 +192,13 @@ class SmallBody:
 
     @property
     def begins_utc(self) -> datetime | None:
-        """15 years before the epoch."""
-        return _utc(self.elements.epoch_jd - _LONGEST_YEARS * _YEAR_DAYS)
+        """15 years before the epoch, or where the planets' places begin."""
+        return _utc(max(self.elements.epoch_jd - _LONGEST_YEARS * _YEAR_DAYS, span_jd(10)[0] + _EDGE_DAYS))
 
     @property
     def ends_utc(self) -> datetime | None:
-        """15 years after the epoch."""
-        return _utc(self.elements.epoch_jd + _LONGEST_YEARS * _YEAR_DAYS)
+        """15 years after the epoch, or where the planets' places end."""
+        return _utc(min(self.elements.epoch_jd + _LONGEST_YEARS * _YEAR_DAYS, span_jd(10)[1] - _EDGE_DAYS))
 
     def icrs(self, utc: datetime, site: Site) -> Icrs:
         """Where it stands: topocentric, light time taken off.
@@ -268,6 +271,8 @@ class SmallBody:
                 f"away; {_LONGEST_YEARS:g} are the most",
                 advice="get elements of today",
             )
+        begins, ends = self.begins_utc, self.ends_utc
+        require_within(self.name, utc, begins, ends, " (there the planets' places end: import an ephemeris)")
         if certain and (sigma := self.sigma_arcsec(utc)) > _MOST_SIGMA_DEG * 3600.0:
             raise BadRequest(
                 f"{self.name} may be {sigma / 3600.0:.1f}° off by elements of {_day(self.elements.epoch_jd)} "

@@ -34,7 +34,7 @@ _J2000_FRAME: Final = 1
 """SPICE's number of the axes of the ICRS; others are refused."""
 _SECONDS_A_DAY: Final = 86400.0
 """By definition."""
-_NAIF: Final = {
+NAIF_IDS: Final = {
     "sun": 10,
     "moon": 301,
     "mercury": 199,
@@ -73,7 +73,6 @@ _NAIF: Final = {
     "nereid": 802,
     "charon": 901,
 }
-NAIF_IDS: Final = _NAIF
 """NAIF's number of each body that has a name here."""
 
 
@@ -261,6 +260,14 @@ def _way(target: int, jd: float, whole_system: bool = True) -> tuple[Segment, ..
     return tuple(found)
 
 
+def span_jd(target: int) -> tuple[float, float]:
+    """From when to when the files in use have a body, TDB; NaN if none has it."""
+    segments = _segments_of(target)
+    if not segments:
+        return float("nan"), float("nan")
+    return min(one.first_jd for one in segments), max(one.last_jd for one in segments)
+
+
 def has_body(target: int, jd: float) -> bool:
     """Whether a file in use covers a body at an instant, TDB as a Julian date."""
     return _way(target, jd) is not None
@@ -310,5 +317,6 @@ __all__ = [
     "kernels_in_use",
     "shipped",
     "source_of",
+    "span_jd",
     "use_kernels",
 ]

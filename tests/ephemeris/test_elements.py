@@ -294,3 +294,13 @@ def test_the_place_of_two_body_motion_is_right_at_the_epoch() -> None:
     assert by_mean_anomaly(2.0, 0.5, 0.0, 2460000.5) == (1.0, 2460000.5)
     with pytest.raises(BadRequest, match="no ellipse"):
         by_mean_anomaly(2.0, 1.5, 0.0, 2460000.5)
+
+
+def test_it_ends_where_the_planets_do() -> None:
+    elements = OrbitElements("late", 2471000.5, 2.0, 0.1, 1.0, 2.0, 3.0, 2471000.5, uncertainty=0)
+    body = SmallBody(elements)
+    assert body.ends_utc is not None
+    assert body.ends_utc < datetime(2055, 1, 1, tzinfo=UTC)
+    assert body.icrs(body.ends_utc, SITE)
+    with pytest.raises(BadRequest, match="there the planets' places end"):
+        body.icrs(body.ends_utc + timedelta(days=1), SITE)

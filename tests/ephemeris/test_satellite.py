@@ -266,3 +266,13 @@ def test_a_right_checksum_of_a_wrong_line_is_no_excuse() -> None:
     shifted = ISS_1[:20] + " " + ISS_1[20:67]
     with pytest.raises(BadRequest):
         read_tle(f"{shifted[:68]}{checksum(shifted)}\n{ISS_2}")
+
+
+@pytest.mark.parametrize(
+    "text", ["\n" * 49_000, " \n" * 24_000, "OBJECT_NAME," + "\n" * 49_000, "1 " * 24_000]
+)
+def test_a_long_text_of_nothing_is_refused_in_one_pass(text: str) -> None:
+    """A time that grew with the square of its length would not end here."""
+    for _ in range(20):
+        with pytest.raises(BadRequest):
+            read_satellites(text)
