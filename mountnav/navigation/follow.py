@@ -780,7 +780,7 @@ class Following:
             began_s = self._clock.monotonic_s()
             exposure_s = self._exposure_s(plan)
             left_s = (self._until - self._clock.utc()).total_seconds()
-            if left_s <= exposure_s + 1.0 or exposure_s < SHORTEST_LOOK_S:
+            if left_s <= exposure_s + 1.0 or exposure_s < min(SHORTEST_LOOK_S, self._policy.exposure_s):
                 await self._until_the_end()
                 return
             if self._by is FollowBy.RATES:
