@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import BaseModel, Field, model_validator
 
 from api.orders.job_views import Finite, OffsetView, Place
-from api.orders.targets import Body
+from api.orders.targets import Body, Target
 from mountnav.night.events import Decision, PlateSeen
 from mountnav.night.frames_in import FrameAnswer
 from mountnav.night.session import DriftSoFar, NightReport
@@ -34,6 +34,10 @@ class FramePathBody(Body):
         default=None, ge=0, lt=360, description="Where its center was meant to be"
     )
     target_dec_deg: float | None = Field(default=None, ge=-90, le=90)
+    target: Target | None = Field(
+        default=None,
+        description="Instead of those two; of one that moves its place in the middle of the exposure counts",
+    )
 
 
 class WhyBody(Body):

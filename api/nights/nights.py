@@ -17,6 +17,7 @@ from drivers.folder.watcher import FolderWatcher
 from drivers.wire.wire_log import WireEntry, WireLog
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock, SystemClock
+from mountnav.ephemeris import Ephemeris
 from mountnav.errors import BadRequest, Busy, DeviceError, JournalFailed, NotFound
 from mountnav.files import open_buffered
 from mountnav.frames import Frame, Hint
@@ -184,7 +185,7 @@ class NightRunner:
     # -- what the routes ask ------------------------------------------------------------------------------
 
     def offer_file(
-        self, path: Path, digest: str, *, held: bool = False, target: Icrs | None = None
+        self, path: Path, digest: str, *, held: bool = False, target: Icrs | Ephemeris | None = None
     ) -> Receipt:
         """Take in a file of this machine; `digest` is its SHA-256. Raises `Busy`."""
         return self._frames.offer(
@@ -203,7 +204,7 @@ class NightRunner:
         read: Callable[[], Frame],
         *,
         held: bool = False,
-        target: Icrs | None = None,
+        target: Icrs | Ephemeris | None = None,
         pixels: bool = True,
     ) -> Receipt:
         """Take in a frame that is read by `read`, in a thread. Raises `Busy`."""

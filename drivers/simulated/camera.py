@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 
@@ -13,6 +13,7 @@ from mountnav.clock import real_s, utc_now
 from mountnav.frames import Frame
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
+from mountnav.simulation.trails import MovingBody
 from mountnav.sky.coordinates import Icrs
 
 
@@ -36,6 +37,8 @@ class SimulatedCamera:
     tube_angle_deg : callable, optional
         Gives the position angle of the tube's own north at a time, e.g. `Mechanics.tube_angle_deg`: on the
         other side of the pier the image is upside down. Left out: north is always up.
+    bodies : sequence of MovingBody
+        What moves among the stars, and is drawn as it moves in the frame.
     """
 
     def __init__(
@@ -48,6 +51,7 @@ class SimulatedCamera:
         name: str = "simulated camera",
         clock: Callable[[], datetime] = utc_now,
         tube_angle_deg: Callable[[datetime], float] | None = None,
+        bodies: Sequence[MovingBody] = (),
     ) -> None:
         self._truth = truth
         self._optics = optics
@@ -56,6 +60,7 @@ class SimulatedCamera:
         self._name = name
         self._clock = clock
         self._tube_angle_deg = tube_angle_deg
+        self._bodies = tuple(bodies)
         self._frames = 0
         self._exposing = ExposureLock(name)
 
@@ -72,7 +77,9 @@ class SimulatedCamera:
         await self.abort()
 
     async def expose(self, exposure_s: float) -> Frame:
-        """Wait for the length of the exposure, then draw the sky at the true position of mid-exposure.
+        """Wait for the length of the exposure, then draw the sky where the tube truly looked meanwhile.
+
+        Stars are trailed as far as it moved among them.
 
         Raises
         ------
@@ -106,4 +113,6 @@ class SimulatedCamera:
             exposure_s=exposure_s,
             mid_exposure_utc=mid_utc,
             seed=(self._seed, number),
+            tube=self._truth,
+            bodies=self._bodies,
         )

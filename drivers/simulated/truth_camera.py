@@ -18,7 +18,7 @@ from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.sky_script import SkyScript
 from mountnav.simulation.sky_seen import SeenThrough
 from mountnav.simulation.truth_frame import FrameTruth
-from mountnav.sky.sphere import separation_arcsec
+from mountnav.sky.sphere import position_angle_deg, separation_arcsec
 
 
 class TruthCamera:
@@ -118,6 +118,7 @@ class TruthCamera:
             (self._mechanics.tube_angle_deg(middle) + self._turned_deg) % 360.0,
             max(separation_arcsec(first, center), separation_arcsec(center, last)) * 2.0,
             number,
+            position_angle_deg(first, last),
         )
         shown, self._held = self._shown(truth)
         self._last = shown.frame(

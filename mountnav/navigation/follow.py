@@ -88,7 +88,7 @@ FIRST_LOOKS = 4
 target has four more exposures taken before it is left alone."""
 LONGEST = timedelta(hours=24)
 """No target is followed for longer by one order."""
-MOST_TRAIL_PX = 12.0
+MOST_TRAIL_PX = 5.0
 """Stars may be drawn out so far in a look, pixels; else it is exposed for less. Doubled, centers are
 worse."""
 SHORTEST_LOOK_S = 0.3
@@ -467,12 +467,15 @@ class Following:
         plan = self.plan
         assert plan is not None
         # what is left of it is caught up with afterwards
+        left_s = (self._until - self._clock.utc()).total_seconds()
         near = max(self._policy.tolerance_arcsec, CENTERED_WITHIN_S * plan.fastest_arcsec_s)
         report = await center_in_time(
             self._equipment,
             self._slewing,
             self._target,
-            replace(self._policy, tolerance_arcsec=near),
+            replace(
+                self._policy, tolerance_arcsec=near, timeout_s=max(1.0, min(self._policy.timeout_s, left_s))
+            ),
             halt=self._halt,
             planned_s=(self._until - self._clock.utc()).total_seconds(),
             key=self._key,

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 
+from mountnav.ephemeris import Ephemeris
 from mountnav.errors import Busy, NotFound
 from mountnav.frames import Frame
 from mountnav.night.events import Decision
@@ -36,8 +37,9 @@ class Arrived:
         Gives the frame; blocks, and is called in a thread. Raises `BadFrame`.
     held : bool
         The sender waits for the answer and exposes nothing meanwhile.
-    target : Icrs or None
-        Where the frame's center was meant to be.
+    target : Icrs, Ephemeris or None
+        Where the frame's center was meant to be; of a target that moves, where it is in the middle of the
+        exposure.
     pixels : bool
         False: a header alone; its time and place are noted, and nothing is corrected by it.
     """
@@ -48,7 +50,7 @@ class Arrived:
     arrived_utc: datetime
     read: Callable[[], Frame]
     held: bool = False
-    target: Icrs | None = None
+    target: Icrs | Ephemeris | None = None
     pixels: bool = True
 
 
@@ -152,7 +154,7 @@ class FramesIn:
         arrived_utc: datetime,
         *,
         held: bool = False,
-        target: Icrs | None = None,
+        target: Icrs | Ephemeris | None = None,
         pixels: bool = True,
     ) -> Receipt:
         """Take a frame in, unless its content was here before.

@@ -21,7 +21,7 @@ from mountnav.navigation.reading_history import Meanwhile
 from mountnav.navigation.reports import Look
 from mountnav.night.events import Decision, Why
 from mountnav.night.memory import PARK_OVER, Listen, NightNotes, OwedPark
-from mountnav.sky.coordinates import Icrs
+from mountnav.sky.coordinates import Icrs, Site
 from mountnav.solution import Verdict
 
 __all__ = ["NightParking", "Preempt"]
@@ -69,11 +69,16 @@ class Corrected(Protocol):
 
 
 class Segmented(Protocol):
-    """A mount that announces when its zero points change."""
+    """A mount that announces when its zero points change, and knows where it stands."""
 
     @property
     def segment_id(self) -> str:
         """Between two changes of them."""
+        ...
+
+    @property
+    def site(self) -> Site:
+        """Where on Earth it stands."""
         ...
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from mountnav.catalog.stars import Catalog
+from mountnav.ephemeris import Ephemeris
 from mountnav.frames import Frame, Hint
 from mountnav.navigation.equipment import Solve
 from mountnav.navigation.reports import Look
@@ -277,10 +278,14 @@ class Seen:
         )
 
 
-def _error(look: Look | None, solution: Solution | None, target: Icrs | None) -> tuple[Offset | None, float]:
+def _error(
+    look: Look | None, solution: Solution | None, target: Icrs | Ephemeris | None
+) -> tuple[Offset | None, float]:
     """What the telescope is off, and how well that is known."""
     if look is None or solution is None:
         return None, 0.0
+    if target is not None and not isinstance(target, Icrs):
+        raise TypeError("a target that moves has no place without an instant: resolve it first")
     error = look.offset if target is None else offset_arcsec(look.seen, target)
     return error, solution.center_sigma_arcsec
 

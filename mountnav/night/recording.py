@@ -206,7 +206,7 @@ def as_json(value: Any) -> Any:
                 "arrived_utc": value.arrived_utc.isoformat(),
                 "held": value.held,
                 "pixels": value.pixels,
-                "target": as_json(value.target),
+                "target": as_json(value.target if isinstance(value.target, Icrs) else None),
             }
         case Frame():
             return {

@@ -13,7 +13,16 @@ from typing import cast
 import numpy as np
 
 from mountnav.clock import Clock, SystemClock
-from mountnav.errors import BadFrame, Cancelled, DeviceError, JournalFailed, MountnavError, SyncRefused
+from mountnav.ephemeris import Ephemeris
+from mountnav.errors import (
+    BadFrame,
+    BadRequest,
+    Cancelled,
+    DeviceError,
+    JournalFailed,
+    MountnavError,
+    SyncRefused,
+)
 from mountnav.frames import Frame
 from mountnav.journal.records import EntryKind, Journal, Unwritten, because
 from mountnav.navigation.reports import Look
@@ -326,6 +335,14 @@ class NightSession:
             return await self._left(arrived, answer, str(fault))
         frame = replace(frame, source=arrived.source)
         answer = replace(answer, mid_utc=frame.mid_exposure_utc)
+        moving = None if arrived.target is None or isinstance(arrived.target, Icrs) else arrived.target
+        if moving is not None:
+            # judged by where it was in the middle of the exposure
+            try:
+                middle = frame.mid_exposure_utc or arrived.arrived_utc
+                arrived = replace(arrived, target=moving.icrs(middle, self._telescope.mount.site))
+            except BadRequest as trouble:
+                return await self._left(arrived, answer, str(trouble))
         if not arrived.pixels:
             return await self._header_alone(arrived, frame, answer)
         # one reading at least must come after the exposure
@@ -362,7 +379,10 @@ class NightSession:
             detail=event.detail,
         )
         if decision is not None and decision.act is Act.CORRECT and look is not None:
-            outcome = await self._correct(look, decision, arrived.target, seen.placed.field)
+            # and corrected to where it is now
+            wanted = self._now(moving) if moving is not None else arrived.target
+            assert wanted is None or isinstance(wanted, Icrs)
+            outcome = await self._correct(look, decision, wanted, seen.placed.field)
             answer = replace(answer, outcome=outcome)
         return answer
 
@@ -397,6 +417,12 @@ class NightSession:
         facts = {FRAME: arrived.frame_id, "act": str(Act.LEAVE), "why": told, "source": arrived.source}
         await self._notes.note(EntryKind.NIGHT, told, facts)
         return replace(answer, seen=frame.hint.center, detail=told)
+
+    def _now(self, target: Ephemeris) -> Icrs:
+        """Where a target that moves is now; at the end of its ephemeris, if that is over."""
+        now = self._clock.utc()
+        utc = now if target.ends_utc is None else min(now, target.ends_utc)
+        return target.icrs(utc, self._telescope.mount.site)
 
     # -- corrections --------------------------------------------------------------------------------------
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -13,7 +13,13 @@ from scipy.special import erf
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
 from mountnav.simulation.optics import SimulatedOptics
-from mountnav.simulation.trails import SatelliteTrail, add_trails, centers_during
+from mountnav.simulation.trails import (
+    MovingBody,
+    SatelliteTrail,
+    add_trails,
+    centers_during,
+    instants_during,
+)
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic
 
@@ -70,6 +76,8 @@ def draw_frame(
     told: Icrs | None = None,
     trails: Sequence[SatelliteTrail] = (),
     drift_arcsec_s: tuple[float, float] = (0.0, 0.0),
+    tube: Callable[[datetime], Icrs] | None = None,
+    bodies: Sequence[MovingBody] = (),
 ) -> Frame:
     """Draw what the camera would see.
 
@@ -95,6 +103,12 @@ def draw_frame(
         Rate of the optical axis during the exposure, east and north: stars are trailed, evenly about their
         places of mid-exposure.
 
+    tube : callable, optional
+        ``tube(utc)``: where the optical axis looks during the exposure, instead of an even drift: stars are
+        trailed as it moves among them.
+    bodies : sequence of MovingBody, optional
+        What moves among the stars: each is trailed as it moves in the frame.
+
     Returns
     -------
     Frame
@@ -104,15 +118,20 @@ def draw_frame(
     -----
     Shot noise is drawn as Gaussian. Left out: differential aberration over the field (0.1″ per 20′).
     """
-    centers = centers_during(
-        center,
-        drift_arcsec_s,
-        exposure_s,
-        scale_arcsec_px=optics.scale_arcsec_px,
-        sigma_px=optics.fwhm_px / math.sqrt(8.0 * math.log(2.0)),
-    )
+    sigma_px = optics.fwhm_px / math.sqrt(8.0 * math.log(2.0))
+    if tube is None:
+        centers = centers_during(
+            center, drift_arcsec_s, exposure_s, scale_arcsec_px=optics.scale_arcsec_px, sigma_px=sigma_px
+        )
+    else:
+        instants = instants_during(
+            tube, mid_exposure_utc, exposure_s, scale_arcsec_px=optics.scale_arcsec_px, sigma_px=sigma_px
+        )
+        centers = [center] if len(instants) == 1 else [tube(utc) for utc in instants]
     light = _star_light(center, optics, catalog, exposure_s, julian_year(mid_exposure_utc), centers)
     add_trails(light, trails)
+    for body in bodies:
+        _add_body(light, body, tube or (lambda _: center), optics, exposure_s, mid_exposure_utc)
     light += optics.sky_adu_s * exposure_s
     pixels = _with_noise(light, optics, np.random.Generator(np.random.SFC64(seed)))
     low, high = 0.95 * optics.scale_arcsec_px, 1.05 * optics.scale_arcsec_px
@@ -159,6 +178,34 @@ def _star_light(
             group = reach == size
             _add_stars(light, x[group], y[group], part * flux[group], sigma, int(size))
     return light
+
+
+def _add_body(
+    light: NDArray[np.float32],
+    body: MovingBody,
+    tube: Callable[[datetime], Icrs],
+    optics: SimulatedOptics,
+    exposure_s: float,
+    mid_exposure_utc: datetime,
+) -> None:
+    """Add a body's light, along its way in the frame."""
+    sigma = optics.fwhm_px / math.sqrt(8.0 * math.log(2.0))
+    instants = instants_during(
+        body.path,
+        mid_exposure_utc,
+        exposure_s,
+        scale_arcsec_px=optics.scale_arcsec_px,
+        sigma_px=sigma,
+        beside=tube,
+    )
+    flux = exposure_s * 10.0 ** (0.4 * (optics.zero_point_mag - body.mag)) / len(instants)
+    peak = flux / (math.tau * sigma * sigma)
+    reach = math.ceil(sigma * math.sqrt(2.0 * math.log(max(peak / _WINGS_ADU, math.e))) + 1.0)
+    for utc in instants:
+        place = body.path(utc)
+        x, y = project(tube(utc), optics, np.array([place.ra_deg]), np.array([place.dec_deg]))
+        if np.isfinite(x[0]) and np.isfinite(y[0]):
+            _add_stars(light, x, y, np.array([flux]), sigma, reach)
 
 
 def _add_stars(

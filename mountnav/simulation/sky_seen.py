@@ -216,7 +216,7 @@ class SkySeen:
             Times(0.05, 0.5 * spent_s, 0.5 * spent_s, spent_s),
             {"blind": 1.0} if blind else {},
             contradictions_with(hint, solution.center, solution.scale_arcsec_px),
-            _quality(int(stars), images, trail_px),
+            _quality(int(stars), images, trail_px, _in_image_deg(truth, through.parity)),
             notes,
         )
 
@@ -332,7 +332,16 @@ class SkySeen:
         )
 
 
-def _quality(stars: int, images: StarImages, trail_px: float = 0.0) -> SkyQuality:
+def _in_image_deg(truth: FrameTruth, parity: int) -> float:
+    """Direction of a trail in the image, from +x towards +y, in [-90, 90)."""
+    turned = math.radians(truth.trail_angle_deg - truth.rotation_deg)
+    angle_deg = math.degrees(math.atan2(math.cos(turned), -parity * math.sin(turned)))
+    return (angle_deg + 90.0) % 180.0 - 90.0
+
+
+def _quality(
+    stars: int, images: StarImages, trail_px: float = 0.0, trail_angle_deg: float = 0.0
+) -> SkyQuality:
     # a trail of length L adds L² / 12 to the variance along it
     wide = math.sqrt(_WIDTH_PX**2 / (1.0 - _ELLIPTICITY) + trail_px**2 / 12.0)
     narrow = _WIDTH_PX * math.sqrt(1.0 - _ELLIPTICITY)
@@ -341,7 +350,7 @@ def _quality(stars: int, images: StarImages, trail_px: float = 0.0) -> SkyQualit
         images=images if stars else StarImages.NONE,
         fwhm_px=2.3548 * math.sqrt(wide * narrow) if stars else None,
         ellipticity=1.0 - narrow / wide if stars else None,
-        elongation_deg=0.0 if stars else None,
+        elongation_deg=trail_angle_deg if stars else None,
         sky_adu=400.0,
         noise_adu=8.0,
         sky_gradient=0.5,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from scipy.special import erf
 
 from mountnav.errors import BadSettings
 from mountnav.sky.coordinates import Icrs
-from mountnav.sky.sphere import displaced
+from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
 
 Array = NDArray[np.float64]
 
@@ -20,6 +22,13 @@ Array = NDArray[np.float64]
 _STEPS_PER_SIGMA = 2.0
 # A trail is drawn out to so many sigmas, where a Gaussian is 4e-6 of its peak.
 _WINGS_SIGMA = 5.0
+# A tube that moves less than this among the stars in an exposure, pixels, draws no trails: a third of what
+# measuring sees of them. Doubled, slow comets leave stars as round as if they were followed as stars.
+_STILL_PX = 0.3
+# So many positions of a trail are drawn at most: longer ones become dotted. Doubled, frames of a mount that
+# slews
+# take twice as long to be drawn.
+_MOST_PARTS = 400
 # Rows that are drawn at once, to bound the memory.
 _STRIP_PX = 256
 
@@ -89,6 +98,73 @@ def add_trails(light: NDArray[np.float32], trails: Sequence[SatelliteTrail]) -> 
             profile = np.exp(-0.5 * (d / sigma) ** 2) / (math.sqrt(math.tau) * sigma)
             ends = 0.5 * (erf(s / norm) - erf((s - length) / norm))
             light[start:stop][near] += (trail.adu_per_px * profile * ends).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class MovingBody:
+    """Something that moves among the stars and shines: a comet's core, a minor planet, a satellite.
+
+    Attributes
+    ----------
+    path : callable
+        ``path(utc)``: where it stands.
+    mag : float
+        Its magnitude.
+
+    Raises
+    ------
+    BadSettings
+        When the magnitude is no number.
+    """
+
+    path: Callable[[datetime], Icrs]
+    mag: float
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.mag):
+            raise BadSettings(f"a body of magnitude {self.mag} can't be drawn")
+
+
+def instants_during(
+    path: Callable[[datetime], Icrs],
+    mid_utc: datetime,
+    exposure_s: float,
+    *,
+    scale_arcsec_px: float,
+    sigma_px: float,
+    beside: Callable[[datetime], Icrs] | None = None,
+) -> list[datetime]:
+    """Instants of an exposure, so many that something which moves is drawn as a smooth trail.
+
+    Parameters
+    ----------
+    path : callable
+        Where it is at an instant.
+    beside : callable, optional
+        What moves with the frame: only the motion beside it counts.
+
+    Returns
+    -------
+    list of datetime
+        Middles of equal parts of the exposure; only its middle when nothing moves.
+    """
+    ends = [mid_utc + timedelta(seconds=share * exposure_s) for share in (-0.5, 0.0, 0.5)]
+    apart = [separation_arcsec(path(a), path(b)) for a, b in itertools.pairwise(ends)]
+    if beside is not None:
+        apart = [_beside(path(a), path(b), beside(a), beside(b)) for a, b in itertools.pairwise(ends)]
+    length_px = sum(apart) / scale_arcsec_px
+    if not math.isfinite(length_px):
+        raise BadSettings("the motion during the exposure is no number")
+    if length_px < _STILL_PX:
+        return [mid_utc]
+    parts = min(_MOST_PARTS, max(2, math.ceil(_STEPS_PER_SIGMA * length_px / sigma_px)))
+    return [mid_utc + timedelta(seconds=((n + 0.5) / parts - 0.5) * exposure_s) for n in range(parts)]
+
+
+def _beside(first: Icrs, second: Icrs, frame_first: Icrs, frame_second: Icrs) -> float:
+    """How far something moves in a frame that moves as well, arcsec."""
+    a, b = offset_arcsec(first, frame_first), offset_arcsec(second, frame_second)
+    return math.hypot(b.east_arcsec - a.east_arcsec, b.north_arcsec - a.north_arcsec)
 
 
 def centers_during(

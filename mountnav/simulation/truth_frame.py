@@ -29,12 +29,15 @@ class FrameTruth:
         How far the tube moved over the sky during the exposure.
     number : int
         Of the frame, by its camera.
+    trail_angle_deg : float
+        Position angle of that way.
     """
 
     center: Icrs
     rotation_deg: float
     trail_arcsec: float
     number: int
+    trail_angle_deg: float = 0.0
 
     def frame(
         self, width_px: int, height_px: int, exposure_s: float, mid_exposure_utc: datetime, source: str
@@ -51,6 +54,7 @@ class FrameTruth:
                 "SIMROT": self.rotation_deg,
                 "SIMTRAIL": self.trail_arcsec,
                 "SIMNUM": self.number,
+                "SIMTRPA": self.trail_angle_deg,
             },
         )
 
@@ -67,7 +71,9 @@ def truth_of(frame: Frame) -> FrameTruth:
         ra_deg, dec_deg, rotation_deg, trail_arcsec, number = (float(frame.header[key]) for key in _KEYS)
     except KeyError as cause:
         raise BadFrame(f"{frame.source}: carries no truth ({cause})") from cause
-    return FrameTruth(Icrs(ra_deg, dec_deg), rotation_deg, trail_arcsec, int(number))
+    angle = frame.header.get("SIMTRPA", 0.0)
+    angle_deg = float(angle) if isinstance(angle, int | float) else 0.0
+    return FrameTruth(Icrs(ra_deg, dec_deg), rotation_deg, trail_arcsec, int(number), angle_deg)
 
 
 def _nothing(width_px: int, height_px: int, number: int) -> NDArray[np.uint16]:

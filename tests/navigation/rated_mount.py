@@ -1,4 +1,4 @@
-"""A mount without a wire that takes rates beside the sidereal one, and gets them as wrong as its mechanics do."""
+"""A mount without a wire that takes rates beside the sidereal one, as wrongly as its mechanics do."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
+from mountnav.ephemeris import SkyRatesTarget
 from mountnav.errors import BadFrame, JournalFailed
 from mountnav.frames import Frame
 from mountnav.journal.records import Entry, EntryKind
@@ -310,5 +311,25 @@ def test_half_an_hour_of_drift_is_held_within_the_rule(by: str) -> None:
         if by == "sync":
             assert max(one.offset.total_arcsec for one in later) < 200.0
         assert len(rig.session.state.used) == len(corrected)
+
+    virtually(night)
+
+
+@pytest.mark.long
+def test_a_target_that_moves_is_judged_at_mid_exposure_and_followed_by_corrections() -> None:
+    async def night(clock: VirtualClock) -> None:
+        rig = await make_night(clock=clock, rules=replace(RULES, correct_by="offset"))
+        begins = clock.utc()
+        target = SkyRatesTarget(rig.up(), 0.06, 0.04, begins, begins + timedelta(minutes=30), "a comet")
+        await rig.navigator.slew(target)
+        answers = await rig.minutes(22, target=target)
+        # 4″ a minute: a place that stood still would be 90″ behind by now
+        site = rig.navigator.mount.site
+        assert separation_arcsec(rig.mechanics.truth(clock.utc()), target.icrs(clock.utc(), site)) < 40.0
+        assert sum(one.outcome.startswith("correction done") for one in answers) >= 2
+        over = await rig.sent(
+            await rig.exposed(), target=replace(target, ends_utc=begins + timedelta(seconds=1))
+        )
+        assert "has no place" in over.detail or "ends" in over.detail
 
     virtually(night)

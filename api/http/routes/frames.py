@@ -17,9 +17,11 @@ from api.http.bodies import received
 from api.http.night_views import FramePathBody, FrameView, frame_view
 from api.http.routes.night import TheNight
 from api.nights.nights import NightRunner, digest_of
+from api.orders.execute_order import goal
 from api.problems import responses
 from api.service import TheService
 from api.solver.link import Upload, in_memory
+from mountnav.ephemeris import Ephemeris
 from mountnav.errors import BadFrame, BadRequest, Busy
 from mountnav.frames import Frame
 from mountnav.night.frames_in import Receipt
@@ -95,7 +97,12 @@ async def send_frame(
     """
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() == "application/json":
         body = await _json_body(request)
-        target = _target(body.target_ra_deg, body.target_dec_deg)
+        if body.target is not None and body.target_ra_deg is not None:
+            raise BadRequest("either target, or target_ra_deg and target_dec_deg")
+        target: Icrs | Ephemeris | None = _target(body.target_ra_deg, body.target_dec_deg)
+        if body.target is not None:
+            navigator = service.observatory.telescope(night.parts.telescope_id).navigator
+            target = await asyncio.to_thread(goal, navigator, body.target)
         receipt = await _by_json(night, body, target)
     else:
         target = _target(target_ra_deg, target_dec_deg)
@@ -136,7 +143,7 @@ async def _json_body(request: Request) -> FramePathBody:
         raise BadRequest(told, advice='send {"path": "/data/frame.fits"} or {"header": {...}}') from error
 
 
-async def _by_json(night: NightRunner, body: FramePathBody, target: Icrs | None) -> Receipt:
+async def _by_json(night: NightRunner, body: FramePathBody, target: Icrs | Ephemeris | None) -> Receipt:
     if (body.path is None) == (body.header is None):
         raise BadRequest("a path or a header is needed, one of them", advice='send {"path": "..."}')
     if body.header is not None:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
+
 import httpx
 import pytest
 
 from api.access.callers import Caller, Face, Role
 from api.orders.job import JobState
-from api.orders.targets import ApparentTarget
+from api.orders.targets import ApparentTarget, RatesTarget
 from api.orders.vocabulary import (
     KINDS,
     AcceptSiteTimeOrder,
     CenterOrder,
     FirstLightOrder,
     FlipOrder,
+    FollowOrder,
+    ForgetRatesOrder,
     GuideOrder,
     HomeOrder,
     LookOrder,
@@ -35,6 +39,7 @@ from api.orders.vocabulary import (
 )
 from drivers.fakes.faults import Fault
 from drivers.wire.wire_log import WireLog
+from mountnav.clock import utc_now
 from mountnav.sky.coordinates import Apparent
 from tests.api.all_faces.attacked_service import STOP, Standing, standing, until, up_now
 from tests.api.all_faces.programs import EAST, hands
@@ -48,6 +53,18 @@ def there(place: Apparent) -> ApparentTarget:
     return ApparentTarget(ra_deg=place.ra_deg, dec_deg=place.dec_deg)
 
 
+def mover(place: Apparent) -> RatesTarget:
+    now = utc_now()
+    return RatesTarget(
+        ra_deg=place.ra_deg,
+        dec_deg=place.dec_deg,
+        ra_arcsec_s=0.2,
+        dec_arcsec_s=0.1,
+        begins_utc=(now - timedelta(hours=1)).isoformat(),
+        ends_utc=(now + timedelta(hours=1)).isoformat(),
+    )
+
+
 def order_of(kind: str, stand: Standing) -> Order:
     """An order of that kind that takes its time on a mount that moves at 1°/s and answers some words late."""
     far = there(up_now(-20.0, 20.0))
@@ -59,6 +76,8 @@ def order_of(kind: str, stand: Standing) -> Order:
         "sync-to": SyncToOrder(target=there(stand.mechanics.reported())),
         "offset": OffsetOrder(east_arcsec=30_000.0, north_arcsec=-30_000.0),
         "flip": FlipOrder(target=far),
+        "follow": FollowOrder(target=mover(up_now(-20.0, 20.0)), duration_s=600.0),
+        "forget-rates": ForgetRatesOrder(),
         "park": ParkOrder(),
         "unpark": UnparkOrder(),
         "home": HomeOrder(),
@@ -80,6 +99,7 @@ def order_of(kind: str, stand: Standing) -> Order:
 ON_THE_WIRE = {
     "slew": b":MS#",
     "center": b":MS#",
+    "follow": b":MS#",
     "sync-to": b":CM",
     "offset": b":MS#",
     "park": b":hP#",
@@ -90,7 +110,7 @@ ON_THE_WIRE = {
     "model-run": b":MS#",
 }
 """What these kinds send first: the stop comes after that. The others expose a frame, or ask first."""
-AT_ONCE = frozenset({"trust", "set-site-time", "accept-site-time", "unpark", "flip"})
+AT_ONCE = frozenset({"trust", "set-site-time", "accept-site-time", "unpark", "flip", "forget-rates"})
 """Over in no time, or refused here: nothing to stop, but a stop all the same."""
 
 
@@ -145,7 +165,7 @@ async def test_a_slew_is_stopped_by_every_face() -> None:
 
 
 def test_every_kind_of_order_is_tried() -> None:
-    assert set(KINDS) == {"slew", "flip", "trust", "unpark", *ON_THE_WIRE} | {
+    assert set(KINDS) == {"slew", "flip", "forget-rates", "trust", "unpark", *ON_THE_WIRE} | {
         "set-site-time",
         "accept-site-time",
         "first-light",

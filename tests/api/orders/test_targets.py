@@ -119,6 +119,7 @@ def test_each_kind_is_in_the_union_and_says_its_kind() -> None:
         "center": {"target": {"kind": "name", "name": "Vega"}},
         "sync-to": {"target": {"kind": "name", "name": "Vega"}},
         "flip": {"target": {"kind": "name", "name": "Vega"}},
+        "follow": {"target": {"kind": "name", "name": "Moon"}, "duration_s": 60.0},
         "offset": {"east_arcsec": 1.0, "north_arcsec": 1.0},
         "tracking": {"on": True},
         "guide": {"direction": "n", "duration_s": 1.0},
