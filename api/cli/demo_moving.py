@@ -136,8 +136,8 @@ def follow_one(
         f"{moving.ephemeris.sigma_arcsec(utc_now()):.0f}″ uncertain"
     )
     forecast = client.forecast(TELESCOPE, moving.target, hours=2.0)
-    for event in forecast["events"][:4]:
-        console.print(f"  [dim]foretold[/]  {event['words']}")
+    for foretold in forecast["events"][:4]:
+        console.print(f"  [dim]foretold[/]  {foretold['words']}")
     watch = _Watch(truth)
     began = time.monotonic()
     every_s = LOOK_EVERY_S if moving.which == "comet" else None
