@@ -6,7 +6,7 @@ import { clockOf, span } from "./angles.js";
 
 const TYPING_MS = 500;
 const FRESH_MS = 60_000;
-const HOURS = 12;
+const HOURS = 12, HOURS_OF_SATELLITE = 1.5; // its way is looked at in steps of a second
 const MOST_EVENTS = 5;
 const WORDS = {
   rises: "rises", sets: "sets", meridian: "meridian", "lower-meridian": "lower meridian", "sun-near": "too near the Sun",
@@ -78,7 +78,7 @@ export function showMoving(observatory, typed, give) {
     if (!wanted || !observatory.id) return;
     asked = mine;
     try {
-      const found = await ask(observatory.path("forecast"), { target: wanted, hours: HOURS });
+      const found = await ask(observatory.path("forecast"), { target: wanted, hours: wanted.kind === "satellite" ? HOURS_OF_SATELLITE : HOURS });
       if (key() !== mine) return;
       told = found;
     } catch (error) {
