@@ -22,10 +22,9 @@ more once they don't. Doubled, small drifts are left for twice as long."""
 UNPROVEN_SIGMAS = 3.5
 """Before that, and where it isn't so any more, only what is off by so many sigma of the forecast is
 corrected. Halved, one look of ten disturbs a mount that stands still."""
-LEAST_LOOKS, EARLY_LOOKS, EARLY_SIGMAS = 2, 5, 3.5
-"""Looks before anything is corrected; and up to so many only what is off by so many sigma: of few looks it
-can hardly be told what scatters and what moves. With half of these sigmas one mount of five that stands still
-is moved at its start."""
+LEAST_LOOKS, EARLY_LOOKS = 2, 5
+"""Looks before anything is corrected; and up to so many an axis counts as unproven, whatever they show: of
+few looks it can hardly be told what scatters and what moves."""
 _EVIDENCE = 4.0
 """Logarithm of the odds that a new period must win by: of some fifty periods that were tried one is the best
 by chance. Halved, one night in seven has a period that isn't there; it is small then."""
@@ -188,7 +187,7 @@ class HeldAxis:
         paths, weights = self._filter.forecast(utc_s, node_times(interval_s))
         sigmas = 0.0 if self.worth_it or self._owed else UNPROVEN_SIGMAS
         if self._looks < EARLY_LOOKS and not self._owed:
-            sigmas = EARLY_SIGMAS
+            sigmas = UNPROVEN_SIGMAS
         if not fresh:
             sigmas = max(sigmas, _COAST_SIGMAS)
         margin = 0.0 if sigmas == 0.0 else (sigmas * self._filter.forecast_sigma_arcsec(utc_s)) ** 2
@@ -298,7 +297,8 @@ class HeldAxis:
         turns = span / found
         # near each other enough that the best phase of one is nearly that of the next
         steps = np.arange(-_SCAN_STEPS, _SCAN_STEPS + 1) * min(_SCAN_TURN / turns, _SCAN_MOST)
-        scan = self._replayed(None, scanned_s=np.asarray(found / (1.0 + steps), dtype=np.float64))
+        compared_s: Array = np.asarray(found / (1.0 + steps), dtype=np.float64)
+        scan = self._replayed(None, scanned_s=compared_s)
         found = scan.likely_period_s()
         bar = _BETTER if self.period_s is not None and not self.period_told else _EVIDENCE
         proposed = self._replayed(found)
