@@ -25,6 +25,11 @@ PLAIN = RotatorBehavior()
 FREE = RotatorRules(0.0, 360.0)
 
 
+def moves(rig: VirtualRig) -> bool:
+    assert rig.rotates is not None
+    return rig.rotates.moving
+
+
 def wrong_deg(rig: VirtualRig, wanted_deg: float, modulo_deg: float = 360.0) -> float:
     return abs(apart_deg(rig.turned_deg, wanted_deg, modulo_deg))
 
@@ -171,12 +176,12 @@ def test_a_stop_stops_the_rotator_too() -> None:
     async def work(rig: VirtualRig) -> None:
         assert rig.rotates is not None
         turning = asyncio.ensure_future(rig.navigator.rotate(FieldAngle(200.0)))
-        while not rig.rotates.moving:
+        while not moves(rig):
             await rig.clock.sleep(0.5)
         await rig.navigator.stop()
         with pytest.raises(Cancelled):
             await turning
-        assert not rig.rotates.moving
+        assert not moves(rig)
         stood = rig.rotates.count_deg
         await rig.clock.sleep(60.0)
         assert rig.rotates.count_deg == stood
@@ -190,12 +195,12 @@ def test_work_that_is_cancelled_leaves_the_rotator_at_rest() -> None:
     async def work(rig: VirtualRig) -> None:
         assert rig.rotates is not None
         turning = asyncio.ensure_future(rig.navigator.rotate(FieldAngle(200.0)))
-        while not rig.rotates.moving:
+        while not moves(rig):
             await rig.clock.sleep(0.5)
         turning.cancel()
         with pytest.raises(asyncio.CancelledError):
             await turning
-        assert not rig.rotates.moving
+        assert not moves(rig)
 
     in_virtual_time(work, rotates=PLAIN, rotator_rules=RotatorRules(sense=1))
 
