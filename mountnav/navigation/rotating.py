@@ -109,7 +109,7 @@ class Rotating:
             rotator = self._needed(wanted, off_deg, tolerance_deg)
             if len(turns) >= MOST_TURNS:
                 raise self._given_up(wanted, off_deg, tolerance_deg, len(turns))
-            known = rotator.sense is not None
+            known = rotator.sense_seen
             turn = await self._turn(rotator, off_deg, wanted)
             turns.append(turn)
             latest_deg, found = await again()
@@ -179,13 +179,19 @@ class Rotating:
             by_deg, modulo_deg = (_FIRST_DEG if off_deg > 0.0 else -_FIRST_DEG), 720.0
         to_deg = nearest_within(stands_deg, sense * by_deg, rules, modulo_deg)
         if to_deg is None and rotator.sense is None:
-            # the other way teaches the sense as well
-            to_deg = nearest_within(stands_deg, -by_deg, rules, modulo_deg)
+            # a small turn either way teaches the sense
+            ways = (nearest_within(stands_deg, step, rules, 720.0) for step in (_FIRST_DEG, -_FIRST_DEG))
+            to_deg = next((way for way in ways if way is not None), None)
         if to_deg is None:
             raise DeviceRefused(
                 f"the position angle {wanted.position_angle_deg:.1f}° would need its count to be at "
                 f"{(stands_deg + sense * by_deg) % 360.0:.1f}°, outside of the cable limits "
-                f"{rules.least_deg:g}° to {rules.most_deg:g}°",
+                f"{rules.least_deg:g}° to {rules.most_deg:g}°"
+                + (
+                    ""
+                    if rotator.sense_seen
+                    else " (by the sense that is stated, and that no solve has shown)"
+                ),
                 device=rotator.name,
                 advice="it was not turned; choose another angle"
                 + ("" if wanted.either_way else ", or allow the image to stand on its head (either_way)"),

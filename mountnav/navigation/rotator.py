@@ -141,6 +141,8 @@ class CheckedRotator:
     ----------
     sense : int or None
         As solves have shown it, else as it was stated.
+    sense_seen : bool
+        Whether a solve has shown it.
     zero_deg : float or None
         Angle of the image's +y from the mount's north, in the posture that looks west, at the count 0.
     zero_modulo_deg : float
@@ -160,6 +162,7 @@ class CheckedRotator:
     journal: Journal
     listen: Listener
     sense: int | None = None
+    sense_seen: bool = False
     zero_deg: float | None = None
     zero_modulo_deg: float = 360.0
     seen: bool = False
@@ -233,7 +236,7 @@ class CheckedRotator:
             f"{self.name}: its driver counts {'reversed' if now else 'straight'} from now on: what was "
             "learned of it counts no more"
         )
-        self.sense, self.zero_deg, self.seen = None, None, False
+        self.sense, self.sense_seen, self.zero_deg, self.seen = None, False, None, False
         self._note(EntryKind.FAULT, words, {"mechanical_deg": reading.mechanical_deg, "reversed": now})
         self.listen("rotator-reversed", {"words": words, "reversed": now})
 
@@ -401,8 +404,11 @@ class CheckedRotator:
                 f"{'grow' if self.rules.sense > 0 else 'shrink'} with its "
                 f"count, and the sky shows the other sense: set sense = {shown}"
             )
+        elif not self.sense_seen and self.sense == shown:
+            self.sense_seen = True
+            self._note(EntryKind.SETTINGS, f"{self.name}: sense {shown:+d} by a solve", self.as_dict())
         if self.sense != shown:
-            self.sense, self.zero_deg = shown, None
+            self.sense, self.sense_seen, self.zero_deg = shown, True, None
             self._note(EntryKind.SETTINGS, f"{self.name}: sense {shown:+d} by a solve", self.as_dict())
         off_deg = apart_deg(image_deg, shown * by_deg)
         if abs(off_deg) > max(1.0, 0.05 * turned_deg):
@@ -425,7 +431,7 @@ class CheckedRotator:
         """What is known of it, as JSON values."""
         return {
             "about": ABOUT,
-            "sense": self.sense,
+            "sense": self.sense if self.sense_seen else None,
             "zero_deg": self.zero_deg,
             "zero_modulo_deg": self.zero_modulo_deg,
         }
@@ -444,7 +450,7 @@ class CheckedRotator:
                 continue
             sense, zero, modulo = (facts.get(name) for name in ("sense", "zero_deg", "zero_modulo_deg"))
             if sense in (1, -1):
-                self.sense = 1 if sense == 1 else -1
+                self.sense, self.sense_seen = (1 if sense == 1 else -1), True
             self.zero_deg = float(zero) if isinstance(zero, int | float) else None
             self.zero_modulo_deg = 180.0 if modulo == 180.0 else 360.0
 

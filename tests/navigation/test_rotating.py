@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import random
 from datetime import timedelta
 
 import pytest
@@ -22,6 +23,11 @@ from tests.navigation.virtual_rig import VirtualRig, in_virtual_time
 GERMAN = Machine(mounting="german")
 PLAIN = RotatorBehavior()
 FREE = RotatorRules(0.0, 360.0)
+
+
+def moves(rig: VirtualRig) -> bool:
+    assert rig.rotates is not None
+    return rig.rotates.moving
 
 
 def wrong_deg(rig: VirtualRig, wanted_deg: float, modulo_deg: float = 360.0) -> float:
@@ -170,12 +176,12 @@ def test_a_stop_stops_the_rotator_too() -> None:
     async def work(rig: VirtualRig) -> None:
         assert rig.rotates is not None
         turning = asyncio.ensure_future(rig.navigator.rotate(FieldAngle(200.0)))
-        while not rig.rotates.moving:
+        while not moves(rig):
             await rig.clock.sleep(0.5)
         await rig.navigator.stop()
         with pytest.raises(Cancelled):
             await turning
-        assert not rig.rotates.moving
+        assert not moves(rig)
         stood = rig.rotates.count_deg
         await rig.clock.sleep(60.0)
         assert rig.rotates.count_deg == stood
@@ -189,12 +195,12 @@ def test_work_that_is_cancelled_leaves_the_rotator_at_rest() -> None:
     async def work(rig: VirtualRig) -> None:
         assert rig.rotates is not None
         turning = asyncio.ensure_future(rig.navigator.rotate(FieldAngle(200.0)))
-        while not rig.rotates.moving:
+        while not moves(rig):
             await rig.clock.sleep(0.5)
         turning.cancel()
         with pytest.raises(asyncio.CancelledError):
             await turning
-        assert not rig.rotates.moving
+        assert not moves(rig)
 
     in_virtual_time(work, rotates=PLAIN, rotator_rules=RotatorRules(sense=1))
 
@@ -294,3 +300,67 @@ def test_what_is_no_angle_is_refused(wrong: FieldAngle) -> None:
         assert rig.camera.frames == 0
 
     in_virtual_time(work, rotates=PLAIN, rotator_rules=FREE)
+
+
+SEEDS = [*range(6), *(pytest.param(one, marks=pytest.mark.long) for one in range(6, 40))]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_random_rotators_come_to_random_angles_and_keep_their_cables(seed: int) -> None:
+    chance = random.Random(f"rotating {seed}")
+    least = chance.uniform(-360.0, 180.0)
+    most = least + chance.choice([360.0, 360.0, chance.uniform(60.0, 360.0)])
+    starts = chance.uniform(least, most)
+    behavior = RotatorBehavior(
+        rate_deg_s=chance.uniform(1.0, 10.0),
+        step_deg=chance.choice([0.01, 0.1, 0.25]),
+        sense=chance.choice([1, -1]),
+        backlash_deg=chance.choice([0.0, 0.0, 1.0]),
+    )
+    stated = chance.choice([None, behavior.sense, -behavior.sense])
+    zero = chance.uniform(0.0, 360.0)
+
+    async def work(rig: VirtualRig) -> None:
+        rotates = rig.rotates
+        assert rotates is not None
+        await rig.navigator.center(rig.up(chance.choice([-25.0, 25.0]), chance.uniform(-10.0, 60.0)))
+        for _ in range(3):
+            wanted = FieldAngle(chance.uniform(0.0, 360.0), 0.6, chance.random() < 0.3)
+            needs = [
+                behavior.sense * (wanted.position_angle_deg - rig.turned_deg + turn) + rotates.travel[-1]
+                for turn in range(-720, 721, 180 if wanted.either_way else 360)
+            ]
+            ends = [one % 360.0 + 360.0 * turns for one in needs for turns in range(-3, 3)]
+            possible = any(least + 2.0 <= one <= most - 2.0 for one in ends)
+            if any(least - 1.0 <= one <= most + 1.0 for one in ends) and not possible:
+                continue  # at the very edge of its limits
+            seen = rig.navigator.rotator is not None and rig.navigator.rotator.sense_seen
+            if possible and not seen and stated == -behavior.sense:
+                # it may be refused by the sense that is stated wrongly; it says that nobody has seen it
+                try:
+                    await rig.navigator.rotate(wanted)
+                except DeviceRefused as refusal:
+                    told_why = str(refusal)
+                else:
+                    told_why = "no solve has shown"
+                assert "no solve has shown" in told_why
+                continue
+            if possible:
+                await rig.navigator.rotate(wanted)
+                assert wrong_deg(rig, wanted.position_angle_deg, wanted.modulo_deg) <= 0.7
+                continue
+            with pytest.raises(DeviceRefused) as told:
+                await rig.navigator.rotate(wanted)
+            assert told.value.reason is Refusal.LIMIT
+        # its own count never left the cable limits, by which way round ever
+        assert min(rotates.travel) >= least - 1.0
+        assert max(rotates.travel) <= most + 1.0
+
+    in_virtual_time(
+        work,
+        machine=GERMAN,
+        rotates=behavior,
+        rotator_rules=RotatorRules(least, most, sense=stated),
+        rotator_starts_deg=starts,
+        turned_deg=zero,
+    )

@@ -111,6 +111,10 @@ class Rig:
     journal: MemoryJournal
     events: list[tuple[str, dict[str, object]]] = field(default_factory=list)
 
+    def seen(self) -> bool:
+        """Whether a solve has shown its count since it was connected."""
+        return self.held.seen
+
     def told(self, kind: str) -> list[dict[str, object]]:
         return [facts for one, facts in self.events if one == kind]
 
@@ -290,7 +294,7 @@ def test_a_count_that_was_lost_is_seen_and_not_turned_by() -> None:
         await rig.held.close()
         rig.mechanics.set_count(0.0)
         await rig.held.open()
-        assert not rig.held.seen
+        assert rig.seen() is False
         words = rig.held.shown(0.0, 50.0, 360.0)
         assert "its count was lost" in words
         with pytest.raises(DeviceRefused) as told:
