@@ -148,7 +148,6 @@ def test_a_fault_of_the_rates_is_named_made_good_and_confirmed(named: Named) -> 
     ("named", "fault"),
     [
         (Named.IGNORED, RateFault(ra_factor=0.0, dec_factor=0.0)),
-        (Named.IGNORED, RateFault(ra_factor=0.0, dec_factor=0.0, reads_zero=True)),
         (Named.ONLY_DEC, RateFault(ra_factor=0.0)),
         (Named.ONLY_RA, RateFault(dec_factor=0.0)),
         (Named.UNEXPLAINED, RateFault(ra_factor=3.3, dec_factor=2.0)),
@@ -161,6 +160,15 @@ def test_what_no_order_makes_good_is_followed_by_other_means(named: Named, fault
     assert done.report.by is not FollowBy.RATES
     # small slews leave what they leave, and that is told
     assert sorted(done.truly)[len(done.truly) // 2] <= TOLERANCE
+    assert done.left == (0.0, 0.0)
+
+
+def test_rates_that_the_mount_denies_to_have_are_given_up_at_once() -> None:
+    # the driver reads them back: no look is needed for that
+    done = followed(2.0, 1.2, fault=RateFault(ra_factor=0.0, dec_factor=0.0, reads_zero=True))
+    assert done.report.by is not FollowBy.RATES
+    assert any("refused the rates" in note for note in done.report.notes)
+    assert done.rig.navigator.rates.correction is None
     assert done.left == (0.0, 0.0)
 
 
