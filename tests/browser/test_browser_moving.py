@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import httpx
 import pytest
@@ -173,7 +173,7 @@ def test_a_target_is_followed_and_the_sky_has_a_word(visit: Visit, observatory: 
             "kind": "rates",
             "name": "a rock",
             "begins_utc": now.isoformat(),
-            "ends_utc": now.replace(year=now.year + 1).isoformat(),
+            "ends_utc": (now + timedelta(hours=1)).isoformat(),
             "ra_deg": place.ra_deg,
             "dec_deg": place.dec_deg,
             "ra_arcsec_s": 0.3,
