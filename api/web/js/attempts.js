@@ -24,7 +24,7 @@ function rowsOf(job, observatory) {
     const tone = (one.error_arcsec ?? Infinity) <= tolerance ? "good-text" : "";
     rows.push(row(at, `${name} ${one.number}`, [
       [small(one.error_arcsec), tone], [small(one.east_arcsec, true)], [small(one.north_arcsec, true)],
-      [one.pairs ?? "–"], [one.rms_arcsec === null ? "–" : `${one.rms_arcsec.toFixed(2)}″`],
+      [one.pairs ?? "–"], [one.rms_arcsec === null || one.rms_arcsec === undefined ? "–" : `${one.rms_arcsec.toFixed(2)}″`],
     ], done(one)));
     if (one.why) rows.push(words(one.why));
   });

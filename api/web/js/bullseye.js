@@ -11,7 +11,7 @@ const reach = (arcsec) => Math.log10(1 + arcsec / 0.5);
 
 /** The centerings to be shown, newest first: each a list of its attempts. */
 export function shots(jobs) {
-  return jobs.filter((one) => one.attempts?.length).slice(0, SHOWN);
+  return jobs.filter((one) => one.kind !== "follow" && one.attempts?.length).slice(0, SHOWN);
 }
 
 export function showBullseye(observatory) {
