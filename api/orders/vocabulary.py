@@ -668,7 +668,6 @@ OrderKind = Literal[
     "tracking",
     "guide",
     "offset-rates",
-    "move-axis",
     "trust",
     "set-site-time",
     "accept-site-time",
@@ -676,12 +675,13 @@ OrderKind = Literal[
     "first-light",
     "rotate",
     "spiral-search",
-    "mosaic",
     "solve",
     "series",
     "hold",
     "dither",
     "model-run",
+    "mosaic",
+    "move-axis",
 ]
 """The kinds once more, for type checkers; a test holds them against `KINDS`."""
 

@@ -53,6 +53,7 @@ from mountnav.navigation.reports import Look
 from mountnav.sky.chain import icrs_to_hour_angle
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Icrs
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
+from mountnav.tasks import waited_for
 
 GUIDE_SHARE = 0.5
 """Share of the sidereal rate that a mount is taken to guide at where it doesn't say: the usual setting. It is
@@ -443,7 +444,7 @@ class Holding:
                 reason=Refusal.NOT_TRACKING,
             )
         ends_s = math.inf if self._plan.for_s is None else clock.monotonic_s() + self._plan.for_s
-        asked = None if only is None else asyncio.ensure_future(self._once(only))
+        asked = None if only is None else waited_for(self._once(only))
         try:
             solved_s = clock.monotonic_s()
             while clock.monotonic_s() < ends_s and not (asked is not None and asked.done()):
@@ -520,8 +521,8 @@ class Holding:
         if left_s <= 0.0 or not self._asked.empty():
             return
         self._wake.clear()
-        woken = asyncio.ensure_future(self._wake.wait())
-        slept = asyncio.ensure_future(clock.sleep(left_s))
+        woken = waited_for(self._wake.wait())
+        slept = waited_for(clock.sleep(left_s))
         try:
             await asyncio.wait({woken, slept}, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -555,8 +556,8 @@ class Holding:
                 self._counts.looks += 1
                 return None, f"no frame came for {limit_s:.0f} s"
             self._wake.clear()
-            woken = asyncio.ensure_future(self._wake.wait())
-            slept = asyncio.ensure_future(clock.sleep(left_s))
+            woken = waited_for(self._wake.wait())
+            slept = waited_for(clock.sleep(left_s))
             try:
                 await asyncio.wait({woken, slept}, return_when=asyncio.FIRST_COMPLETED)
             finally:

@@ -231,6 +231,8 @@ def test_every_kind_of_order_is_one_that_the_service_knows(client: Client) -> No
         "rotate": orders.rotate(30.0, either_way=True),
         "mosaic": orders.mosaic(targets.named("M31"), across=2, down=3, frames=20),
         "spiral-search": orders.spiral_search(targets.named("Vega"), radius_deg=2.0),
+        "hold": orders.hold(for_s=600.0),
+        "dither": orders.dither(),
         "series": orders.series(target=targets.named("Vega"), looks=5),
         "model-run": orders.model_run(points=10, spread="random", seed=3, put_in_force=False),
     }

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import pytest
 
-from mountnav.devices import Direction, PierSide, SlewOutcome, SyncOutcome
+from mountnav.devices import (
+    STARS_RATES,
+    Direction,
+    MountAxis,
+    OffsetRates,
+    PierSide,
+    Skill,
+    SlewOutcome,
+    SyncOutcome,
+)
 from mountnav.errors import (
     Busy,
     Cancelled,
@@ -34,11 +44,36 @@ from tests.mount.mount_rig import AIR, LIMITS, SITE, Rig, run
 # -- what is refused -----------------------------------------------------------------------------
 
 
+class LikeADriver:
+    """The room of the mount as drivers are asked: it wants an end for rates, and moves axes for a moment."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._mount, self._clock = rig.mount, rig.clock
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._mount, name)
+
+    @property
+    def skills(self) -> frozenset[Skill]:
+        return self._mount.skills - {Skill.MOVE_AXIS}
+
+    async def move_axis(self, axis: MountAxis, rate_deg_s: float) -> None:
+        raise DeviceRefused("for a moment only", device=self._mount.name, reason=Refusal.UNSUPPORTED)
+
+    async def set_offset_rates(self, rates: OffsetRates) -> None:
+        ends_utc = self._clock.utc() + timedelta(minutes=5)
+        await self._mount.set_offset_rates(rates, ends_utc=ends_utc)
+
+    async def offset_rates(self) -> OffsetRates:
+        force = self._mount.offset_rates_in_force
+        return STARS_RATES if force is None else force.rates
+
+
 def test_it_is_a_mount_like_any_other() -> None:
     async def work(rig: Rig) -> None:
         with for_all_modules(rig.clock):
             await rig.mount.slew(rig.place(-20.0, 40.0))
-            await check_mount(rig.mount)
+            await check_mount(LikeADriver(rig))
 
     rig = run(work, limits=Limits(-90.0), machine=Machine(lowest_altitude_deg=5.0))
     assert None not in [outcome for _, outcome in rig.outcomes()]

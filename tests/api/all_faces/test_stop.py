@@ -14,23 +14,30 @@ from api.orders.vocabulary import (
     KINDS,
     AcceptSiteTimeOrder,
     CenterOrder,
+    DitherOrder,
     FirstLightOrder,
     FlipOrder,
     FollowOrder,
     ForgetRatesOrder,
     GuideOrder,
+    HoldOrder,
     HomeOrder,
     LookOrder,
     ModelRunOrder,
+    MosaicOrder,
+    MoveAxisOrder,
     OffsetOrder,
+    OffsetRatesOrder,
     Order,
     ParkOrder,
     RecoverOrder,
+    RotateOrder,
     SeriesOrder,
     SetParkOrder,
     SetSiteTimeOrder,
     SlewOrder,
     SolveOrder,
+    SpiralSearchOrder,
     SyncOrder,
     SyncToOrder,
     TrackingOrder,
@@ -78,6 +85,13 @@ def order_of(kind: str, stand: Standing) -> Order:
         "flip": FlipOrder(target=far),
         "follow": FollowOrder(target=mover(up_now(-20.0, 20.0)), duration_s=600.0),
         "forget-rates": ForgetRatesOrder(),
+        "hold": HoldOrder(exposure_s=60.0),
+        "dither": DitherOrder(),
+        "rotate": RotateOrder(position_angle_deg=30.0),
+        "mosaic": MosaicOrder(target=far, across=2, down=1, width_deg=0.5, height_deg=0.5),
+        "spiral-search": SpiralSearchOrder(target=far, field_deg=0.5),
+        "offset-rates": OffsetRatesOrder(ra_arcsec_s=0.2, dec_arcsec_s=0.1),
+        "move-axis": MoveAxisOrder(axis="secondary", rate_deg_s=0.1, for_s=10.0),
         "park": ParkOrder(),
         "unpark": UnparkOrder(),
         "home": HomeOrder(),
@@ -108,9 +122,14 @@ ON_THE_WIRE = {
     "tracking": b":Te#",
     "guide": b":Mg",
     "model-run": b":MS#",
+    "mosaic": b":MS#",
+    "spiral-search": b":MS#",
+    "move-axis": b":M",
 }
 """What these kinds send first: the stop comes after that. The others expose a frame, or ask first."""
-AT_ONCE = frozenset({"trust", "set-site-time", "accept-site-time", "unpark", "flip", "forget-rates"})
+AT_ONCE = frozenset(
+    {"trust", "set-site-time", "accept-site-time", "unpark", "flip", "forget-rates", "offset-rates", "rotate"}
+)
 """Over in no time, or refused here: nothing to stop, but a stop all the same."""
 
 
@@ -165,10 +184,10 @@ async def test_a_slew_is_stopped_by_every_face() -> None:
 
 
 def test_every_kind_of_order_is_tried() -> None:
-    assert set(KINDS) == {"slew", "flip", "forget-rates", "trust", "unpark", *ON_THE_WIRE} | {
-        "set-site-time",
-        "accept-site-time",
+    assert set(KINDS) == {*AT_ONCE, *ON_THE_WIRE} | {
+        "dither",
         "first-light",
+        "hold",
         "look",
         "sync",
         "recover",

@@ -117,13 +117,15 @@ def test_what_it_is_and_can(telescope: Telescope) -> None:
     yes = "FindHome Park PulseGuide SetPark SetTracking Slew SlewAltAz SlewAltAzAsync SlewAsync Sync Unpark"
     for name in yes.split():
         assert getattr(telescope, f"Can{name}") is True, name
-    for name in ["SetDeclinationRate", "SetGuideRates", "SetPierSide", "SetRightAscensionRate", "SyncAltAz"]:
+    for name in ["SetGuideRates", "SetPierSide", "SyncAltAz"]:
         assert getattr(telescope, f"Can{name}") is False, name
-    for axis in TelescopeAxes:
-        assert telescope.CanMoveAxis(axis) is False
-        assert telescope.AxisRates(axis) == []
-        with pytest.raises(NotImplementedException):
-            telescope.MoveAxis(axis, 0.5)
+    for axis in (TelescopeAxes.axisPrimary, TelescopeAxes.axisSecondary):
+        assert telescope.CanMoveAxis(axis) is True
+        assert all(0.0 <= one.Minimum <= one.Maximum for one in telescope.AxisRates(axis))
+        with pytest.raises(InvalidValueException):
+            telescope.MoveAxis(axis, 1000.0)
+    assert telescope.CanMoveAxis(TelescopeAxes.axisTertiary) is False
+    assert telescope.AxisRates(TelescopeAxes.axisTertiary) == []
     assert telescope.AlignmentMode is AlignmentModes.algGermanPolar
     assert telescope.EquatorialSystem is EquatorialCoordinateType.equTopocentric
     assert telescope.DoesRefraction is False
@@ -136,8 +138,6 @@ def test_what_it_is_and_can(telescope: Telescope) -> None:
         ("SiteLatitude", 40.0),
         ("SiteLongitude", 10.0),
         ("SiteElevation", 100.0),
-        ("RightAscensionRate", 0.1),
-        ("DeclinationRate", 0.1),
         ("GuideRateRightAscension", 0.002),
         ("GuideRateDeclination", 0.002),
         ("SideOfPier", PierSide.pierWest),
@@ -151,6 +151,19 @@ def test_what_it_is_and_can(telescope: Telescope) -> None:
     half = pytest.approx(0.5 * 15.041 / 3600.0, rel=1e-3)
     assert telescope.GuideRateRightAscension == half
     assert telescope.GuideRateDeclination == half
+
+
+def test_rates_beside_the_sidereal_one_are_kept_and_end(telescope: Telescope) -> None:
+    assert telescope.CanSetRightAscensionRate is True
+    assert telescope.CanSetDeclinationRate is True
+    telescope.Tracking = True
+    telescope.RightAscensionRate = 0.01
+    telescope.DeclinationRate = -0.1
+    assert telescope.RightAscensionRate == pytest.approx(0.01, rel=1e-3)
+    assert telescope.DeclinationRate == pytest.approx(-0.1, rel=1e-3)
+    telescope.RightAscensionRate = 0.0
+    telescope.DeclinationRate = 0.0
+    assert telescope.RightAscensionRate == telescope.DeclinationRate == 0.0
 
 
 def test_what_it_reads(telescope: Telescope) -> None:

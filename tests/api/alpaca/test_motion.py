@@ -183,7 +183,7 @@ async def test_a_slew_that_fails_raises_once_for_each_client_that_reads_slewing(
     german, other, silent = observatory.probe, observatory.probe.as_client(5), observatory.probe.as_client(0)
     navigator = observatory.service.observatory.telescope("german").navigator
 
-    async def fails(target: object) -> object:
+    async def fails(target: object, **_: object) -> object:
         await asyncio.sleep(0.1)
         raise DeviceRefused("a gear is broken", device="german", reason=Refusal.OTHER)
 

@@ -11,6 +11,8 @@ import pytest
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from tests.api.alpaca.alpaca_observatory import OBSERVATORY, AlpacaProbe, Running, running
 
+pytestmark = pytest.mark.long
+
 SHORT = OBSERVATORY.replace("[alpaca]", "[alpaca]\nsilence_s = 1.5\nmove_axis_s = 4.0\noffset_rates_s = 3.0")
 PARKED, INVALID, NOT_IMPLEMENTED, OPERATION = 0x408, 0x401, 0x400, 0x40B
 

@@ -15,6 +15,8 @@ import pytest
 from api.http.service_manager import ServiceManager
 from tests.conftest import ROOT
 
+pytestmark = pytest.mark.long
+
 WATCHDOG_S = 1.5
 
 

@@ -326,12 +326,10 @@ async def test_orders_that_make_no_sense_are_refused_and_the_client_stays(rig: R
             await raw.say(message)
             await raw.until(lambda n=name, m=mark: State.ALERT in raw.states(n, m), f"{name} refused")  # type: ignore[misc]
         mark = len(raw.heard)
-        await raw.say(
-            switch("TELESCOPE_MOTION_NS", "MOTION_NORTH"), switch("CONNECTION", "CONNECT", "nobody")
-        )
+        await raw.say(switch("TELESCOPE_FOCUS", "FOCUS_IN"), switch("CONNECTION", "CONNECT", "nobody"))
         await raw.until(lambda: len(raw.words(mark)) >= 2, "both refused")
         assert raw.words(mark) == [
-            "[ERROR] east has no TELESCOPE_MOTION_NS",
+            "[ERROR] east has no TELESCOPE_FOCUS",
             "[ERROR] there is no device nobody",
         ]
 

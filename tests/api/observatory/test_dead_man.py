@@ -33,6 +33,8 @@ from mountnav.settings.observatory import Settings
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from tests.api.observatory.true_mount import SITE
 
+pytestmark = pytest.mark.long
+
 SETTINGS = """
 [service]
 port = 0

@@ -21,6 +21,8 @@ from tests.api.all_faces.attacked_service import OBSERVATORY, Standing, standing
 from tests.navigation.rated_mount import RatedMount
 from tests.navigation.virtual_rig import VirtualRig, in_virtual_time
 
+pytestmark = pytest.mark.long
+
 BOSS = Caller("tests", Role.CONFIGURE, Face.REST)
 ORDERS: TypeAdapter[Order] = TypeAdapter(Order)
 WIDE = OBSERVATORY.replace("width_px = 400", "width_px = 1200").replace("height_px = 300", "height_px = 900")

@@ -24,6 +24,8 @@ from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from mountnav.sky.sphere import separation_arcsec
 from tests.api.indi_server.face_rig import OBSERVATORY, mechanics_of, observatory, up_now
 
+pytestmark = pytest.mark.long
+
 ANNA = Caller("anna", Role.OPERATE, Face.REST, "10.0.0.7")
 BERT = Caller("bert", Role.OPERATE, Face.INDI, "10.0.0.8")
 VIEWER = Caller("viewer", Role.VIEW, Face.REST, "10.0.0.9")

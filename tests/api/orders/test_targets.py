@@ -123,6 +123,11 @@ def test_each_kind_is_in_the_union_and_says_its_kind() -> None:
         "offset": {"east_arcsec": 1.0, "north_arcsec": 1.0},
         "tracking": {"on": True},
         "guide": {"direction": "n", "duration_s": 1.0},
+        "offset-rates": {"ra_arcsec_s": 0.1, "dec_arcsec_s": 0.0},
+        "move-axis": {"axis": "primary", "rate_deg_s": 0.1},
+        "rotate": {"position_angle_deg": 10.0},
+        "mosaic": {"target": {"kind": "name", "name": "Vega"}, "across": 2, "down": 1},
+        "spiral-search": {"target": {"kind": "name", "name": "Vega"}},
     }
     for kind, body in KINDS.items():
         order = ORDERS.validate_python({"kind": kind, **needed.get(kind, {})})

@@ -24,6 +24,8 @@ from mountnav.sky.sphere import half_turn_deg
 from tests.drivers.alpaca.alpaca_server import FakeTelescope, quick_mechanics
 from tests.drivers.alpaca.test_language import Rig, rigged
 
+pytestmark = pytest.mark.long
+
 COMET = OffsetRates(0.04, -0.03)
 FAST = OffsetRates(45.0, -30.0)
 

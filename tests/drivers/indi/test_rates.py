@@ -21,6 +21,8 @@ from tests.drivers.indi.real_server import TELESCOPE, IndiServer
 from tests.drivers.indi.test_language_over_real_drivers import REAL, served
 from tests.drivers.lx200.german_fakes import beside
 
+pytestmark = pytest.mark.long
+
 OPTIONS = "poll_s=0.1&heartbeat_s=0.5&set_site=yes&set_clock=yes"
 
 

@@ -207,12 +207,13 @@ async def test_it_tracks_at_the_rate_that_is_ordered(dialect: str) -> None:
         assert any("lunar rate" in problem for problem in again.report.problems)
 
 
-async def test_the_custom_rate_is_the_mounts_own() -> None:
+async def test_a_custom_rate_without_a_number_is_refused() -> None:
     fake = fake_of()
     async with opened(fake) as mount:
         fake.feed(b":RR09500#")
-        await mount.set_tracking(True, TrackingRate.CUSTOM)
-        assert fake.mechanics.axis_velocity("ha") == pytest.approx(0.95 * SIDEREAL_DEG_S)
+        with pytest.raises(BadRequest, match="says nothing of how fast"):
+            await mount.set_tracking(True, TrackingRate.CUSTOM)
+        assert fake.mechanics.axis_velocity("ha") != pytest.approx(0.95 * SIDEREAL_DEG_S)
 
 
 @pytest.mark.parametrize(("dialect", "ha_deg"), [("v3", 25.0), ("v3", -25.0), ("v2", 25.0)])

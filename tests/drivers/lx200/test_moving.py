@@ -19,6 +19,8 @@ from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Site
 from tests.drivers.lx200.german_fakes import german, opened
 from tests.drivers.rates_kept import beside_the_meridian, kept_rates
 
+pytestmark = pytest.mark.long
+
 RATES = OffsetRates(2.5, -1.25)
 
 

@@ -25,6 +25,8 @@ from tests.drivers.mounts import nexstar_mount
 from tests.drivers.nexstar.test_language import HERE, PATIENCE, QUICK, fake_at_zenith
 from tests.drivers.rates_kept import beside_the_meridian, kept_rates
 
+pytestmark = pytest.mark.long
+
 SOUTH = Site(-33.3, 149.1)
 
 

@@ -23,6 +23,8 @@ from mountnav.sky.coordinates import SIDEREAL_DEG_S, Site
 from tests.drivers.rates_kept import beside_the_meridian, kept_rates
 from tests.drivers.skywatcher.quick_fakes import NORTH, SOUTH, commands, mounted, quick
 
+pytestmark = pytest.mark.long
+
 EAST, WEST = PierSide.EAST, PierSide.WEST
 SIDES = [(site, side) for site in (NORTH, SOUTH) for side in (EAST, WEST)]
 
