@@ -232,7 +232,7 @@ async def _check_rates(mount: Any) -> None:
     )
     if mount.most_offset_arcsec_s is not None:
         fast = OffsetRates(2.0 * most.ra_arcsec_s + 1.0, 0.0)
-        await _must_refuse(mount.set_offset_rates(fast), "a rate that is too fast")
+        await _must_refuse(mount.set_offset_rates(fast), "a rate that is too fast", bad_too=True)
     await mount.set_offset_rates(STARS_RATES)
     told = await mount.offset_rates()
     _demand(
@@ -270,11 +270,16 @@ async def _check_axes(mount: Any) -> None:
         )
 
 
-async def _must_refuse(order: Awaitable[object], what: str) -> None:
+async def _must_refuse(order: Awaitable[object], what: str, *, bad_too: bool = False) -> None:
+    """`bad_too`: it may also be refused as a bad request, before the device is asked."""
     try:
         await order
     except DeviceRefused:
         return
+    except BadRequest:
+        if bad_too:
+            return
+        raise
     raise NonConforming(f"it took {what}, which it can't do")
 
 
