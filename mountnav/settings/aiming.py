@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from mountnav.navigation.aim_points import AimPoint, OffsetPoint, PixelPoint
-from mountnav.navigation.rotator import RotatorRules
 from mountnav.settings.section import Section
+
+if TYPE_CHECKING:
+    from mountnav.navigation.aim_points import AimPoint
+    from mountnav.navigation.rotator import RotatorRules
 
 __all__ = ["MOST_POINTS", "SIMULATED_ROTATOR", "PointSettings", "RotatorSettings"]
 
@@ -76,6 +78,9 @@ class PointSettings(Section):
     @property
     def point(self) -> AimPoint:
         """As navigation takes it."""
+        # a settings file is read, and complained of, without all that moves mounts
+        from mountnav.navigation.aim_points import OffsetPoint, PixelPoint
+
         if self.x_px is not None and self.y_px is not None:
             return PixelPoint(
                 self.name,
@@ -149,6 +154,8 @@ class RotatorSettings(Section):
     @property
     def rules(self) -> RotatorRules:
         """As navigation takes it."""
+        from mountnav.navigation.rotator import RotatorRules
+
         least, most = self.least_deg, self.most_deg
         if least is None or most is None:
             least = self.never_through_deg or 0.0

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Literal
+
 from pydantic import Field
 
-from mountnav.mount import FollowingPolicy, OnLoss
 from mountnav.settings.section import Section
+
+if TYPE_CHECKING:
+    from mountnav.mount.following_policy import FollowingPolicy
 
 
 class FollowingSettings(Section):
@@ -31,7 +35,7 @@ class FollowingSettings(Section):
         At least so fast an axis brakes, °/s²: how far before a limit it is ended.
     """
 
-    on_loss: OnLoss = "sidereal"
+    on_loss: Literal["sidereal", "stop"] = "sidereal"
     guard: bool = True
     most_s: float = Field(default=43_200.0, gt=0, le=86_400)
     most_arcsec_s: float = Field(default=7_200.0, gt=0, le=36_000)
@@ -42,6 +46,9 @@ class FollowingSettings(Section):
     @property
     def policy(self) -> FollowingPolicy:
         """As the room of the mount takes them."""
+        # a settings file is read, and complained of, without the journal's database and all that moves mounts
+        from mountnav.mount.following_policy import FollowingPolicy
+
         return FollowingPolicy(
             on_loss=self.on_loss,
             most_s=self.most_s,

@@ -96,6 +96,11 @@ def setting_s(stage: Stage, t_s: float, belief: Belief, lowest_altitude_deg: flo
     return arrival + (sets_deg - ha_deg) / velocity
 
 
+_SLOWEST_DEG_S = 1e-9
+"""Slower than this an axis stands, °/s: it takes thirty years for a degree. Doubled, nothing changes in a
+night; without it a time is sought that no number is fine enough for."""
+
+
 def _sets_in_s(axes: AxisAngles, velocities: AxisAngles, belief: Belief, lowest_altitude_deg: float) -> float:
     """After how long axes that turn steadily lead below the lowest altitude; infinite when not in a turn."""
 
@@ -103,7 +108,7 @@ def _sets_in_s(axes: AxisAngles, velocities: AxisAngles, belief: Belief, lowest_
         ha_deg, dec_deg = perfect_direction(*(a + v * t_s for a, v in zip(axes, velocities, strict=True)))
         return belief.altitude_deg(ha_deg, dec_deg) >= lowest_altitude_deg
 
-    if not above(0.0):
+    if not above(0.0) or math.hypot(*velocities) < _SLOWEST_DEG_S:
         return math.inf
     step_s = _SETTING_STEP_DEG / math.hypot(*velocities)
     for number in range(1, _SETTING_STEPS + 1):

@@ -200,3 +200,15 @@ def test_a_slew_ends_on_its_target_whatever_came_before(machine, course, hours_w
     assert separation_arcsec(mechanics.reported(), Apparent(target.ra_deg, dec_deg, clock())) < 0.5
     if side is not None and machine.mounting == "german":
         assert mechanics.pier_side() is side
+
+
+@pytest.mark.parametrize("rate_deg_s", [5e-324, 1e-150, 1e-12, 1e-9, 1e-6])
+def test_an_axis_that_all_but_stands_has_no_setting_to_be_sought(rate_deg_s: float) -> None:
+    # of velocities that no instant is fine enough for the search for the horizon never ended
+    clock = clock_at_rest()
+    machine = Machine(mounting="german", lowest_altitude_deg=3.0)
+    mechanics = Mechanics(SITE, Air(), PointingErrors(), machine=machine, clock=clock)
+    mechanics.tracking = True
+    mechanics.track_at(-rate_deg_s, rate_deg_s)
+    clock.on(3600.0)
+    assert abs(mechanics.axis_velocity("dec")) <= rate_deg_s
