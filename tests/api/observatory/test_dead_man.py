@@ -329,7 +329,7 @@ def test_a_guard_does_not_fight_a_service_started_meanwhile(true_mount: TrueMoun
     true_mount.until(sidereal)
 
 
-@pytest.mark.long
+@pytest.mark.first
 def test_none_of_many_outlive_a_service_that_is_killed_at_any_moment(
     true_mount: TrueMount, place: Place
 ) -> None:
