@@ -124,11 +124,20 @@ ON_THE_WIRE = {
     "model-run": b":MS#",
     "mosaic": b":MS#",
     "spiral-search": b":MS#",
-    "move-axis": b":M",
 }
 """What these kinds send first: the stop comes after that. The others expose a frame, or ask first."""
 AT_ONCE = frozenset(
-    {"trust", "set-site-time", "accept-site-time", "unpark", "flip", "forget-rates", "offset-rates", "rotate"}
+    {
+        "trust",
+        "set-site-time",
+        "accept-site-time",
+        "unpark",
+        "flip",
+        "forget-rates",
+        "offset-rates",
+        "move-axis",
+        "rotate",
+    }
 )
 """Over in no time, or refused here: nothing to stop, but a stop all the same."""
 
