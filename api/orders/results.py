@@ -314,7 +314,10 @@ class BendingView(BaseModel):
 class HoldKnownView(BaseModel):
     """What a hold has found out: what the mount does by itself, on the sky."""
 
-    drift_east_arcsec_min: Finite
+    drift_east_arcsec_min: Finite = Field(
+        description="Null, as all drift and amplitudes, where it is corrected by pulses and doesn't tell its "
+        "guide rate: nobody knows how much they do then"
+    )
     drift_east_sigma_arcsec_min: Finite
     drift_north_arcsec_min: Finite
     drift_north_sigma_arcsec_min: Finite

@@ -5,6 +5,7 @@ Times in bodies are texts with their time zone, so that a job's request is kept 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -200,9 +201,9 @@ _Rate = Annotated[float | None, Field(ge=-MOST_RATE_ARCSEC_S, le=MOST_RATE_ARCSE
 class MovingTarget(Tagged):
     """A target that moves among the stars."""
 
+    @abstractmethod
     def ephemeris(self, air: Air) -> Ephemeris:
         """Where it stands when. Raises `BadRequest` if there is no such way."""
-        raise NotImplementedError
 
     @model_validator(mode="after")
     def _leads_somewhere(self) -> Self:

@@ -92,6 +92,12 @@ class Guider:
         Of the worm, where it is known.
     both_swing : bool
         Whether the secondary axis follows the sky, too: an alt-azimuth mount.
+
+    Attributes
+    ----------
+    rates_known : bool
+        It is known how much corrections do on both axes; else drift and amplitudes are known up to a common
+        factor only: they look twice as large where corrections are believed to do twice as much.
     """
 
     def __init__(
@@ -109,6 +115,7 @@ class Guider:
             raise BadRequest(
                 "a worm's period lies between 10 s and 2 h", advice="leave it out to have it found"
             )
+        self.rates_known = primary.rate_known and secondary.rate_known
         self.primary = HeldAxis(primary, start_sigma_arcsec=start_sigma_arcsec, period_s=period_s)
         self.secondary = HeldAxis(
             secondary,

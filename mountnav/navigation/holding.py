@@ -148,14 +148,15 @@ class HoldKnown:
 
     Attributes
     ----------
-    drift_east_arcsec_min, drift_north_arcsec_min : float
-        What the mount does by itself, without the periodic part.
-    drift_east_sigma_arcsec_min, drift_north_sigma_arcsec_min : float
+    drift_east_arcsec_min, drift_north_arcsec_min : float or None
+        What the mount does by itself, without the periodic part. None where nobody knows how much its guide
+        pulses do: twice the drift and twice the effect look alike while it is held.
+    drift_east_sigma_arcsec_min, drift_north_sigma_arcsec_min : float or None
     period_s : float or None
         Of the worm; None: not found.
     amplitudes_arcsec : tuple of float
-        Of each harmonic.
-    amplitude_sigma_arcsec : float
+        Of each harmonic; empty where the drift is None, for the same reason.
+    amplitude_sigma_arcsec : float or None
     noise_arcsec : float
         Scatter of a look, seeing included.
     gain, play_arcsec : float
@@ -167,13 +168,13 @@ class HoldKnown:
         Main camera's center minus the guiding one's, ″.
     """
 
-    drift_east_arcsec_min: float
-    drift_east_sigma_arcsec_min: float
-    drift_north_arcsec_min: float
-    drift_north_sigma_arcsec_min: float
+    drift_east_arcsec_min: float | None
+    drift_east_sigma_arcsec_min: float | None
+    drift_north_arcsec_min: float | None
+    drift_north_sigma_arcsec_min: float | None
     period_s: float | None
     amplitudes_arcsec: tuple[float, ...]
-    amplitude_sigma_arcsec: float
+    amplitude_sigma_arcsec: float | None
     noise_arcsec: float
     gain: float
     gain_sigma: float
@@ -834,14 +835,15 @@ class Holding:
         primary, secondary = self._guider.state(self._sigma)
         east, north = self._to_sky(primary.rate_arcsec_s, secondary.rate_arcsec_s)
         gain, gain_sigma, play, play_sigma = self._guider.secondary.gain_and_play()
+        scaled = self._guider.rates_known
         return HoldKnown(
-            drift_east_arcsec_min=60.0 * east,
-            drift_east_sigma_arcsec_min=60.0 * primary.rate_sigma_arcsec_s,
-            drift_north_arcsec_min=60.0 * north,
-            drift_north_sigma_arcsec_min=60.0 * secondary.rate_sigma_arcsec_s,
+            drift_east_arcsec_min=60.0 * east if scaled else None,
+            drift_east_sigma_arcsec_min=60.0 * primary.rate_sigma_arcsec_s if scaled else None,
+            drift_north_arcsec_min=60.0 * north if scaled else None,
+            drift_north_sigma_arcsec_min=60.0 * secondary.rate_sigma_arcsec_s if scaled else None,
             period_s=self._guider.primary.period_s,
-            amplitudes_arcsec=primary.amplitudes_arcsec,
-            amplitude_sigma_arcsec=primary.amplitude_sigma_arcsec,
+            amplitudes_arcsec=primary.amplitudes_arcsec if scaled else (),
+            amplitude_sigma_arcsec=primary.amplitude_sigma_arcsec if scaled else None,
             noise_arcsec=max(primary.noise_arcsec, secondary.noise_arcsec),
             gain=gain,
             gain_sigma=gain_sigma,
