@@ -111,6 +111,8 @@ class _Counted:
             before = len(self._rig.fake.obeyed)
             if name in ("send_slew", "send_park", "send_home"):
                 self._rig.check_belief(name)
+            if name == "send_sync":
+                self._rig.synced_from = self._rig.now()
             went_out = True
             try:
                 answer = await told(*given)
@@ -147,6 +149,8 @@ class Rig:
         self.chances = random.Random(seed)
         self.findings = Findings()
         self.sent: Counter[str] = Counter()
+        self.synced_from: Apparent | Icrs | None = None
+        """Where it believed to be as the last sync was sent: an earlier one may show late just before."""
         self.unsure = self.moved_before = False
         self.mechanics = Mechanics(
             HERE,
@@ -423,7 +427,7 @@ class Rig:
         place = (
             Icrs(ra_deg, dec_deg) if self.mount.epoch == "icrs" else Apparent(ra_deg, dec_deg, self.clock())
         )
-        sent = self.sent["send_sync"]
+        sent, self.synced_from = self.sent["send_sync"], here
         if self.contradicts:
             self.mechanics.sync_behavior = self.chances.choice(SYNCS)
         try:
@@ -433,7 +437,8 @@ class Rig:
             if self.sent["send_sync"] > sent + 1:
                 self.note("a sync was ordered twice")
         if self.mechanics.tracking:
-            self.check_sync(result.outcome, off=_apart(self.now(), place), moved=_apart(self.now(), here))
+            moved = _apart(self.now(), self.synced_from)
+            self.check_sync(result.outcome, off=_apart(self.now(), place), moved=moved)
         return result.outcome
 
     async def track(self) -> str:
