@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime
 from difflib import get_close_matches
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
 from drivers.family import Fakes, Family, MountUrl, UrlParts
@@ -229,10 +229,7 @@ def open_camera(url: str, *, name: str | None = None) -> Camera:
         If the URL or an option makes no sense.
     """
     parts = read_url(url)
-    make = family(parts.driver).open_camera
-    if make is None:
-        known = sorted(one.name for one in families() if one.open_camera is not None)
-        raise BadSettings(f"{parts.driver} has no cameras", advice=f"known: {', '.join(known)}")
+    make = _made_by_some(parts.driver, "cameras", lambda one: one.open_camera)
     return make(parts, name)
 
 
@@ -252,11 +249,20 @@ def open_rotator(url: str, *, name: str | None = None) -> Rotator:
         If the URL or an option makes no sense.
     """
     parts = read_url(url)
-    make = family(parts.driver).open_rotator
-    if make is None:
-        known = sorted(one.name for one in families() if one.open_rotator is not None)
-        raise BadSettings(f"{parts.driver} has no rotators", advice=f"known: {', '.join(known)}")
+    make = _made_by_some(parts.driver, "rotators", lambda one: one.open_rotator)
     return make(parts, name)
+
+
+Make = TypeVar("Make")
+
+
+def _made_by_some(driver: str, what: str, of: Callable[[Family], Make | None]) -> Make:
+    """What a family makes besides mounts. Raises `BadSettings` for one that doesn't, with those that do."""
+    make = of(family(driver))
+    if make is None:
+        known = sorted(one.name for one in families() if of(one) is not None)
+        raise BadSettings(f"{driver} has no {what}", advice=f"known: {', '.join(known)}")
+    return make
 
 
 # -- fakes -----------------------------------------------------------------------------------------
