@@ -59,7 +59,7 @@ async def answer(
     """What a member answers: its value (`NOTHING` where there is none), and how it was refused."""
     error: AlpacaError
     try:
-        call = Call(caller, client, values)
+        call = Call(caller, client, values, device.dispatcher.stops_given(device.id))
         if not member.offline:
             device.require_connected(client)
         if not member.able(device):

@@ -312,7 +312,9 @@ async def _park(device: AlpacaTelescope, call: Call) -> None:
     def arrived() -> None:
         device.stations.remember("park", device.snapshot)
 
-    await device.motion.begin(call.caller, call.client, ParkOrder(), supersede=True, arrived=arrived)
+    await device.motion.begin(
+        call.caller, call.client, ParkOrder(), stops_given=call.stops_given, supersede=True, arrived=arrived
+    )
 
 
 async def _unpark(device: AlpacaTelescope, call: Call) -> None:
@@ -324,7 +326,9 @@ async def _unpark(device: AlpacaTelescope, call: Call) -> None:
     def arrived() -> None:
         device.stations.forget("park")
 
-    await device.motion.begin(call.caller, call.client, UnparkOrder(), arrived=arrived)
+    await device.motion.begin(
+        call.caller, call.client, UnparkOrder(), stops_given=call.stops_given, arrived=arrived
+    )
     await device.motion.wait(_AT_ONCE_S)
     if not device.motion.under_way:
         await device.motion.ended()
@@ -334,7 +338,9 @@ async def _find_home(device: AlpacaTelescope, call: Call) -> None:
     def arrived() -> None:
         device.stations.remember("home", device.snapshot)
 
-    await device.motion.begin(call.caller, call.client, HomeOrder(), arrived=arrived)
+    await device.motion.begin(
+        call.caller, call.client, HomeOrder(), stops_given=call.stops_given, arrived=arrived
+    )
 
 
 async def _set_park(device: AlpacaTelescope, call: Call) -> None:
@@ -391,7 +397,9 @@ async def _slew(device: AlpacaTelescope, call: Call, ra_h: float, dec_deg: float
     place = _place(device, ra_h, dec_deg)
     await device.check(call, place, supersede=mine)
     device.targets = Targets(ra_h, dec_deg, call.client)
-    await device.motion.begin(call.caller, call.client, SlewOrder(target=place), supersede=mine)
+    await device.motion.begin(
+        call.caller, call.client, SlewOrder(target=place), stops_given=call.stops_given, supersede=mine
+    )
 
 
 async def _slew_to_coordinates(device: AlpacaTelescope, call: Call) -> None:
@@ -435,7 +443,9 @@ async def _slew_to_alt_az(device: AlpacaTelescope, call: Call) -> None:
         finally:
             await navigator.set_tracking(False)
 
-    await device.motion.begin(call.caller, call.client, SlewOrder(target=place), work=work)
+    await device.motion.begin(
+        call.caller, call.client, SlewOrder(target=place), stops_given=call.stops_given, work=work
+    )
 
 
 async def _slew_to_alt_az_and_wait(device: AlpacaTelescope, call: Call) -> None:

@@ -218,6 +218,7 @@ class Motion:
         client: Client,
         order: Order,
         *,
+        stops_given: int,
         work: Work | None = None,
         supersede: bool = False,
         arrived: Callable[[], None] | None = None,
@@ -226,6 +227,8 @@ class Motion:
 
         Parameters
         ----------
+        stops_given : int
+            How many stops had been given when the order came: after a further one it is not begun.
         work : callable, optional
             What is done for it, if more than the order says; one job all the same.
         supersede : bool
@@ -247,11 +250,19 @@ class Motion:
             if mine:
                 self._aborted = held
             if work is None:
-                job = await self._dispatcher.order(caller, self._telescope_id, order, supersede=mine)
+                job = await self._dispatcher.order(
+                    caller, self._telescope_id, order, supersede=mine, stops_given=stops_given
+                )
             else:
                 request = order.model_dump(exclude_none=True)
                 job = await self._dispatcher.give(
-                    caller, self._telescope_id, order.kind, request, work, supersede=mine
+                    caller,
+                    self._telescope_id,
+                    order.kind,
+                    request,
+                    work,
+                    supersede=mine,
+                    stops_given=stops_given,
                 )
             self._job, self._client = job, client
             self._failure = None

@@ -45,11 +45,14 @@ class Call:
         As Alpaca does.
     given : mapping
         The member's own parameters, read.
+    stops_given : int
+        How many stops the telescope had been given when it came.
     """
 
     caller: Caller
     client: Client
     given: Mapping[str, object]
+    stops_given: int
 
     def number(self, name: str) -> float:
         """A parameter that is a number."""
@@ -317,7 +320,7 @@ class AlpacaTelescope:
             As the dispatcher's `order`.
         """
         await self.motion.stopped()
-        job = await self.dispatcher.order(call.caller, self.id, order)
+        job = await self.dispatcher.order(call.caller, self.id, order, stops_given=call.stops_given)
         await job.ended.wait()
         if job.problem is not None:
             raise error_of(job.problem)

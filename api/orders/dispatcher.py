@@ -32,7 +32,7 @@ from api.orders.vocabulary import (
 from api.orders.watching import Watch
 from api.problems import Refused
 from mountnav.clock import utc_now
-from mountnav.errors import BadRequest, DeviceError, JournalFailed, MountnavError, OutsideLimits
+from mountnav.errors import BadRequest, Cancelled, DeviceError, JournalFailed, MountnavError, OutsideLimits
 from mountnav.mount.order_book import EVEN_UNWRITTEN
 from mountnav.navigation.navigator import Navigator
 from mountnav.tasks import waited_for
@@ -119,6 +119,7 @@ class Dispatcher:
         self._stopping: set[asyncio.Task[Job | None]] = set()
         self._beginning = asyncio.Lock()
         self._stops, self._stop_begun_s = 0, 0.0
+        self._stops_given = {telescope.id: 0 for telescope in observatory.telescopes}
         self._calm = asyncio.Event()
         self._calm.set()
         self._held = {telescope.id: HeldAxes() for telescope in observatory.telescopes}
@@ -170,8 +171,11 @@ class Dispatcher:
         *,
         key: str | None = None,
         supersede: bool = False,
+        stops_given: int | None = None,
     ) -> Job:
         """Take an order; its job has begun, and is on the disk, when this returns. See `give`."""
+        if stops_given is None:
+            stops_given = self.stops_given(telescope_id)
         if isinstance(order, MoveAxisOrder):
             return await self._move_axis(caller, telescope_id, order, key=key, supersede=supersede)
         devices = True
@@ -203,6 +207,7 @@ class Dispatcher:
             needs=role_for(order),
             devices=devices,
             within="hold" if isinstance(order, DitherOrder) and self._holds(telescope_id) else None,
+            stops_given=stops_given,
         )
 
     async def give(
@@ -219,6 +224,7 @@ class Dispatcher:
         devices: bool = True,
         began: Callable[[Job], object] | None = None,
         within: str | None = None,
+        stops_given: int | None = None,
     ) -> Job:
         """Take a piece of work as an order; `order` for those that have a body of their own.
 
@@ -241,6 +247,8 @@ class Dispatcher:
             Told of the job before it does anything.
         within : str, optional
             Kind of job that it may be done within: then that one goes on, and holds the telescope.
+        stops_given : int, optional
+            How many stops had been given when this order came, as `stops_given` told; left out: it comes now.
 
         Raises
         ------
@@ -252,6 +260,8 @@ class Dispatcher:
             Another job holds it.
         JournalFailed
             It can't be written down, and is no park: nothing was begun.
+        Cancelled
+            A stop was given after it came: what was on its way before a stop never begins after it.
         """
         safe = kind in EVEN_UNWRITTEN
         telescope = self._observatory.telescope(telescope_id)
@@ -266,6 +276,10 @@ class Dispatcher:
                     why, device=telescope.id, advice="it is tried again by itself; stops and parks are taken"
                 )
             self._leases.require(caller, telescope.id)
+            if stops_given is not None and stops_given != self._stops_given[telescope.id]:
+                raise Cancelled(
+                    "a stop came first", device=telescope.id, advice="send it again when it is safe"
+                )
             job = self._jobs.start(
                 kind,
                 telescope.id,
@@ -288,6 +302,15 @@ class Dispatcher:
             raise
         self._audit.note(caller, kind, telescope=telescope.id, request=request, job_id=job.id)
         return job
+
+    def stops_given(self, telescope_id: str) -> int:
+        """How many stops were given to a telescope so far; for faces that look before they order.
+
+        Raises
+        ------
+        NotFound
+        """
+        return self._stops_given[self._observatory.telescope(telescope_id).id]
 
     def held(self, telescope_id: str) -> HeldAxes:
         """The axes that somebody moves by hand. Raises `NotFound`."""
@@ -396,6 +419,7 @@ class Dispatcher:
         job = self._jobs.running_on(telescope.id)
         try:
             require_role(caller, Role.OPERATE)
+            self._stops_given[telescope.id] += 1
             with self._others_held_back():
                 await self._stop(telescope, job, f"stopped on request of {caller.name} ({caller.face})")
         except (Refused, DeviceError) as error:

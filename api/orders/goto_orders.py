@@ -17,7 +17,7 @@ from api.orders.job import Job, JobState
 from api.orders.targets import Target
 from api.orders.vocabulary import Order, SlewOrder, SyncToOrder
 from api.problems import Problem, Refused, problem_of
-from mountnav.errors import Cancelled, MountnavError
+from mountnav.errors import MountnavError
 
 _COMING_TO_REST_S = 3.0
 """How long a sync waits for the end of its client's own goto, s; chosen by hand: the place is reached a
@@ -73,7 +73,6 @@ class GotoOrders:
         self._dispatcher = dispatcher
         self._audit = audit
         self._gotos: dict[str, Job] = {}
-        self._stops = 0
         self._stopping = 0
         self._stop_failed: NotTaken | None = None
         self._calm = asyncio.Event()
@@ -87,21 +86,23 @@ class GotoOrders:
         ------
         NotTaken
         """
-        stops = self._stops
+        stops = self._dispatcher.stops_given(self.telescope_id)
         async with self._turn:
             await self._calm.wait()
             await self._dispatcher.turn()
             held = self._dispatcher.watch(self.telescope_id).latest.job
             own = held is not None and held is self._gotos.get(caller.name)
             try:
-                self._require_unstopped(stops)
                 if held is None or own:
                     # a wrong click doesn't end the goto that is under way
                     await self._check(caller, target, own)
-                    self._require_unstopped(stops)
                     own = own and held is self._dispatcher.watch(self.telescope_id).latest.job
                 job = await self._dispatcher.order(
-                    caller, self.telescope_id, SlewOrder(target=target), supersede=own
+                    caller,
+                    self.telescope_id,
+                    SlewOrder(target=target),
+                    supersede=own,
+                    stops_given=stops,
                 )
             except (Refused, MountnavError) as refusal:
                 raise _not_taken(refusal) from refusal
@@ -135,7 +136,7 @@ class GotoOrders:
         NotTaken
             Also if it failed.
         """
-        stops = self._stops
+        stops = self._dispatcher.stops_given(self.telescope_id)
         async with self._turn:
             job = await self._begun(caller, order, stops)
             try:
@@ -153,7 +154,7 @@ class GotoOrders:
         ------
         NotTaken
         """
-        stops = self._stops
+        stops = self._dispatcher.stops_given(self.telescope_id)
         async with self._turn:
             return await self._begun(caller, order, stops)
 
@@ -167,7 +168,6 @@ class GotoOrders:
         NotTaken
             The stop could not be sent.
         """
-        self._stops += 1
         if self._stopping >= _MOST_STOPS:
             await self._calm.wait()
             if self._stop_failed is not None:
@@ -200,16 +200,9 @@ class GotoOrders:
         await self._calm.wait()
         await self._dispatcher.turn()
         try:
-            self._require_unstopped(stops)
-            return await self._dispatcher.order(caller, self.telescope_id, order)
+            return await self._dispatcher.order(caller, self.telescope_id, order, stops_given=stops)
         except (Refused, MountnavError) as refusal:
             raise _not_taken(refusal) from refusal
-
-    def _require_unstopped(self, stops: int) -> None:
-        if stops != self._stops:
-            raise Cancelled(
-                "a stop came first", device=self.telescope_id, advice="send it again when it is safe"
-            )
 
 
 def require_success(job: Job) -> None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 
 import pytest
 
 from api.alpaca.connection import Client, Connecting
 from api.alpaca.errors import AlpacaError
+from api.orders import dispatcher
+from api.orders.targets import require_place
 from api.orders.vocabulary import ParkOrder
 from mountnav.errors import DeviceRefused, Refusal
 from tests.api.alpaca.alpaca_observatory import Running
@@ -54,6 +57,33 @@ async def test_who_connects_is_not_told_how_a_slew_before_that_failed(
     assert await new.get("slewing") is False
     # one that was there all the time is
     assert await german.as_client(78).refused("GET", "slewing") >= 0x500
+
+
+@pytest.mark.parametrize("member", ["slewtocoordinates", "slewtocoordinatesasync"])
+async def test_a_slew_that_is_stopped_while_it_is_taken_never_begins(
+    observatory: Running, monkeypatch: pytest.MonkeyPatch, member: str
+) -> None:
+    german = observatory.probe
+    ra_h = await german.at_hour_angle(-3.0)
+    begun, go = threading.Event(), threading.Event()
+
+    def later(*given: object) -> object:
+        begun.set()
+        assert go.wait(60)
+        return require_place(*given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(dispatcher, "require_place", later)
+    ordering = asyncio.create_task(
+        german.as_client(7).ask("PUT", member, RightAscension=ra_h, Declination=20.0)
+    )
+    assert await asyncio.to_thread(begun.wait, 60)
+    await german.put("abortslew")
+    go.set()
+    answer = await ordering
+    assert answer.number == 0x40E
+    assert "a stop came first" in answer.words
+    await german.until_rest()
+    assert [one.kind for one in observatory.service.jobs.all()] == []
 
 
 async def test_a_slew_that_is_waited_for_and_stopped_says_so(observatory: Running) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -11,14 +12,16 @@ import pytest
 
 from api.access.callers import Caller, Face, Role
 from api.http.app import create_app
+from api.orders import dispatcher
+from api.orders.goto_orders import GotoOrders, NotTaken
 from api.orders.job import JobState
 from api.orders.jobs import TelescopeBusy
-from api.orders.targets import AltAzTarget, IcrsTarget
+from api.orders.targets import AltAzTarget, IcrsTarget, require_place
 from api.orders.vocabulary import LookOrder, SlewOrder, SyncToOrder
 from api.problems import Refused
 from api.service import Service
 from mountnav.devices import from_mount
-from mountnav.errors import NotFound, OutsideLimits
+from mountnav.errors import Cancelled, NotFound, OutsideLimits
 from mountnav.settings.observatory import Settings
 from mountnav.sky.sphere import separation_arcsec
 
@@ -117,3 +120,80 @@ async def test_a_telescope_that_is_not_there_is_known_to_be_so(observatory_toml:
         assert not snapshot.state.connected
         assert not snapshot.slewing
         assert "there-is-no-such-port" in (snapshot.state.problem or "")
+
+
+class Held:
+    """Holds the look at where a target is, which is done in a thread, until it is let go."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.begun, self.go = threading.Event(), threading.Event()
+
+        def later(*given: object) -> object:
+            self.begun.set()
+            assert self.go.wait(60)
+            return require_place(*given)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(dispatcher, "require_place", later)
+
+    async def __call__(self) -> None:
+        assert await asyncio.to_thread(self.begun.wait, 60)
+
+
+async def test_what_was_on_its_way_before_a_stop_never_begins_after_it(
+    observatory_toml: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with running(observatory_toml) as service:
+        held = Held(monkeypatch)
+        orders = service.dispatcher
+        ordering = asyncio.create_task(orders.order(OPERATOR, "east", SlewOrder(target=SOUTH), key="a"))
+        await held()
+        # nothing runs yet that a stop could end
+        assert await orders.stop(OPERATOR, "east") is None
+        held.go.set()
+        with pytest.raises(Cancelled, match="a stop came first"):
+            await ordering
+        assert service.jobs.all() == []
+        # with its key it may be sent again
+        job = await orders.order(OPERATOR, "east", SlewOrder(target=SOUTH), key="a")
+        await orders.stop(OPERATOR, "east")
+        await asyncio.wait_for(job.ended.wait(), 60)
+        assert job.state is JobState.CANCELLED
+
+
+async def test_a_stop_of_any_face_ends_a_goto_that_is_still_looked_at(
+    observatory_toml: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with running(observatory_toml) as service:
+        looked, go = asyncio.Event(), asyncio.Event()
+
+        async def check(*given: object, **named: object) -> None:
+            looked.set()
+            await go.wait()
+
+        monkeypatch.setattr(service.dispatcher, "check", check)
+        face = GotoOrders(service.dispatcher, service.audit, "east")
+        going = asyncio.create_task(face.goto(OPERATOR, SOUTH))
+        await asyncio.wait_for(looked.wait(), 60)
+        await service.dispatcher.give_stop(replace(OPERATOR, face=Face.ALPACA), "east")
+        go.set()
+        with pytest.raises(NotTaken, match="a stop came first"):
+            await going
+        assert service.jobs.all() == []
+
+
+async def test_a_stop_of_one_telescope_ends_no_order_of_another(
+    observatory_toml: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with running(observatory_toml) as service:
+        held = Held(monkeypatch)
+        orders = service.dispatcher
+        ordering = asyncio.create_task(orders.order(OPERATOR, "east", SlewOrder(target=SOUTH)))
+        await held()
+        others = [one.id for one in orders.telescopes if one.id != "east"]
+        assert others
+        for other in others:
+            await orders.give_stop(OPERATOR, other)
+        held.go.set()
+        job = await ordering
+        assert job.problem is None
+        await orders.stop(OPERATOR, "east")

@@ -16,6 +16,7 @@ from api.orders.jobs import Job, Jobs, JobState, TelescopeBusy
 from api.orders.results import Attempt, DitherView, HoldView
 from api.orders.vocabulary import DitherOrder, HoldOrder
 from mountnav.client import orders as client_orders
+from tests.mount.following_rig import FollowingMount
 from tests.navigation.virtual_rig import ERRORS, POLICY, VirtualRig, in_virtual_time
 
 QUICK = replace(POLICY, exposure_s=2.0)
@@ -27,7 +28,7 @@ def test_a_hold_tells_each_look_and_keeps_one_a_minute() -> None:
 
     async def work(rig: VirtualRig) -> None:
         await rig.navigator.center(rig.up(-20.0, 30.0))
-        order = HoldOrder(for_s=900.0, every_s=15.0)
+        order = HoldOrder(for_s=900.0, every_s=15.0, by="rates")
         report = await run_hold(rig.navigator, order, lambda kind, data: told.append((kind, data)), rig.clock)
         assert isinstance(report, HoldView)
         assert report.solved == report.looks == len(told)
@@ -38,9 +39,10 @@ def test_a_hold_tells_each_look_and_keeps_one_a_minute() -> None:
             ATTEMPT.validate_python(data)
         view = result_view(report.model_dump(mode="json"))
         assert isinstance(view, HoldView)
+        # by rates it is known what the mount does by itself
         assert view.known.drift_east_sigma_arcsec_min is not None
 
-    in_virtual_time(work, errors=replace(ERRORS, me_arcsec=900.0), policy=QUICK)
+    in_virtual_time(work, errors=replace(ERRORS, me_arcsec=900.0), policy=QUICK, made=FollowingMount)
 
 
 def test_a_dither_brings_where_it_settled() -> None:
