@@ -18,7 +18,7 @@ help:
 	@echo "make format  let ruff format the code"
 	@echo "make lock    resolve the dependencies anew into requirements.lock and requirements-runtime.lock"
 	@echo "make deb     a Debian package in dist/, for this Debian's own Python"
-	@echo "make release wheel, sdist and SBOM of a tagged version in dist/, checked (docs/release.md)"
+	@echo "make release wheel, sdist and SBOM of a tagged version in dist/, checked (docs/how-to/release.md)"
 
 # The stamp stands for: environment made, locked dependencies in it, mountnav installed editable.
 $(VENV)/.set-up: requirements.lock pyproject.toml
