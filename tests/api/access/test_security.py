@@ -37,6 +37,9 @@ NO_KEY_NEEDED = {
     "/redoc",
     "/openapi.json",
     "/static-offline-docs",
+    "/help",
+    "/help/",
+    "/help/{path}",
 }
 """The page's own files and the API's description: they tell nothing of the sky; the page asks for the key."""
 ONLY_VIRTUAL = {"GET /v1/virtual"}
