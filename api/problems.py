@@ -134,7 +134,7 @@ _TITLES = {
     "internal": "A fault in mountnav",
 }
 SLUGS = frozenset(_TITLES)
-"""All problems that may be answered; docs/reference/api.md lists them."""
+"""All problems that may be answered; docs/reference/problems.md has cause and cure of each."""
 
 
 class Problem(BaseModel):
