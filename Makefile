@@ -7,7 +7,7 @@ PYTEST_WORKERS ?= $(shell expr 3 \* $$(getconf _NPROCESSORS_ONLN 2>/dev/null || 
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test check format lock deb release clean
+.PHONY: help demo test check docs format lock deb release clean
 
 .DEFAULT_GOAL := help
 
@@ -15,10 +15,11 @@ help:
 	@echo "make demo    an observatory without hardware centers five targets (KEEP=1 leaves the service running)"
 	@echo "make test    lint, types, import contracts and the whole test suite"
 	@echo "make check   lint, types and import contracts only"
+	@echo "make docs    the documentation as a site, which wheels carry and a service shows at /help"
 	@echo "make format  let ruff format the code"
 	@echo "make lock    resolve the dependencies anew into requirements.lock and requirements-runtime.lock"
 	@echo "make deb     a Debian package in dist/, for this Debian's own Python"
-	@echo "make release wheel, sdist and SBOM of a tagged version in dist/, checked (docs/release.md)"
+	@echo "make release wheel, sdist and SBOM of a tagged version in dist/, checked (docs/how-to/release.md)"
 
 # The stamp stands for: environment made, locked dependencies in it, mountnav installed editable.
 $(VENV)/.set-up: requirements.lock pyproject.toml
@@ -45,6 +46,10 @@ check: $(VENV)/.set-up
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# NO_MKDOCS_2_WARNING: the theme's notice about its successor (docs/reference/dependencies.md)
+docs: $(VENV)/.set-up
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
 format: $(VENV)/.set-up
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
@@ -52,7 +57,7 @@ format: $(VENV)/.set-up
 # --no-emit-index-url: the locks name versions and hashes, never a host. The second one is for images and packages:
 # what runs needs, in the same versions as it was tested with.
 lock: $(VENV)/.set-up
-	$(BIN)/uv pip compile pyproject.toml --group dev --universal --python-version 3.11 --generate-hashes \
+	$(BIN)/uv pip compile pyproject.toml --group dev --group docs --universal --python-version 3.11 --generate-hashes \
 		--upgrade --no-emit-index-url --no-annotate --no-header --output-file requirements.lock
 	$(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
 		--no-emit-index-url --no-annotate --no-header --constraint requirements.lock --output-file requirements-runtime.lock
@@ -69,6 +74,7 @@ release: $(VENV)/.set-up
 		set -e; rm -rf dist build/release; \
 		$(PYTHON) -m venv build/release; \
 		build/release/bin/python -m pip install --quiet --disable-pip-version-check build cyclonedx-bom twine; \
+		$(MAKE) --no-print-directory docs; \
 		build/release/bin/python -m build --outdir dist .; \
 		build/release/bin/twine check --strict dist/*; \
 		build/release/bin/cyclonedx-py requirements requirements.lock --of JSON -o dist/mountnav-$$version.sbom.json; \
@@ -77,4 +83,4 @@ release: $(VENV)/.set-up
 		build/release/empty/bin/mountnav --version; ls -l dist
 
 clean:
-	rm -rf $(VENV) dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .cache
+	rm -rf $(VENV) dist build api/help/site .pytest_cache .mypy_cache .ruff_cache .hypothesis .cache

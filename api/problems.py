@@ -134,7 +134,7 @@ _TITLES = {
     "internal": "A fault in mountnav",
 }
 SLUGS = frozenset(_TITLES)
-"""All problems that may be answered; docs/api.md lists them."""
+"""All problems that may be answered; docs/reference/problems.md has cause and cure of each."""
 
 
 class Problem(BaseModel):
@@ -296,7 +296,7 @@ def _advice(request: Request, error: RequestValidationError) -> str:
     if isinstance(error.body, bytes) and error.body and not is_json:
         # such as `curl -d` sends it: the body was not even read as JSON
         return f"send the header Content-Type: application/json (it is {kind or 'missing'})"
-    return "docs/api.md and /docs tell what is expected"
+    return "docs/reference/api.md and /docs tell what is expected"
 
 
 def _methods_here(request: Request) -> list[str]:

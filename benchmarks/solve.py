@@ -6,7 +6,7 @@ Run: python -m benchmarks.solve [--preset A,B,C,E,D] [--frames 3] [--seed 4] [--
 Each frame is drawn, solved by one solver after the other, one process at a time, and forgotten. CPU seconds
 are user and system time of a program and all it started, so a busy machine changes them little; "resident"
 is mountnav in a warm process, as the service keeps it. Solved counts right answers; an answer that is off by
-more than 3 px or 1 % in scale is wrong. What a solver is told: benchmarks/peers/ and docs/speed.md.
+more than 3 px or 1 % in scale is wrong. What a solver is told: benchmarks/peers/ and docs/figures/speed.md.
 """
 
 from __future__ import annotations

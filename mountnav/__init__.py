@@ -5,7 +5,8 @@
     >>> solved.center, solved.wcs          # doctest: +SKIP
 
 Names are imported when they are first used, so that `import mountnav` costs nothing. What `__all__` has is
-stable: docs/library/stability.md says what that means. No web framework and no serial port is known in here.
+stable: docs/reference/library/stability.md says what that means. No web framework and no serial port is known
+in here.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How long cones of the embedded catalog take, warm: the table in docs/catalog.md."""
+"""How long cones of the embedded catalog take, warm: the table in docs/reference/catalog.md."""
 
 from __future__ import annotations
 

@@ -138,7 +138,7 @@ class KeyStore:
         """As `keys`, for people: a file that makes no sense is reported. Raises `BadSettings`."""
         keys = self.keys
         if self.problem is not None:
-            raise BadSettings(self.problem, advice="see docs/security.md")
+            raise BadSettings(self.problem, advice="see docs/how-to/security.md")
         return keys
 
     def new(self, name: str, role: Role) -> tuple[Key, str]:

@@ -1,4 +1,4 @@
-"""Which role each route needs: one table, read before a route is entered; docs/security.md shows it."""
+"""Which role each route needs: one table read before a route is entered; docs/how-to/security.md shows it."""
 
 from __future__ import annotations
 

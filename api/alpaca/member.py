@@ -64,7 +64,7 @@ def always(device: AlpacaTelescope) -> bool:
 
 
 def never(device: AlpacaTelescope) -> bool:
-    """Not by this server, whatever the mount is: docs/alpaca.md tells why."""
+    """Not by this server, whatever the mount is: docs/how-to/alpaca.md tells why."""
     return False
 
 

@@ -12,6 +12,7 @@ from api.cli.calibrate import calibrate_app
 from api.cli.catalog import catalog_app
 from api.cli.check import check
 from api.cli.demo import demo
+from api.cli.docs import docs
 from api.cli.drift import drift
 from api.cli.ephemeris import ephemeris_app
 from api.cli.fake_mount import fake_mount
@@ -70,6 +71,7 @@ app.command("check")(check)
 app.command("serve")(serve)
 app.command("indi-driver")(indi_driver)
 app.command("demo")(demo)
+app.command("docs")(docs)
 app.add_typer(calibrate_app, name="calibrate")
 app.add_typer(catalog_app, name="catalog")
 app.add_typer(ephemeris_app, name="ephemeris")

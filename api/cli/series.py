@@ -114,7 +114,7 @@ def _follow(follower: SeriesFollower, files: list[Path]) -> None:
 
 
 def series_record(report: SeriesReport, files: list[str]) -> dict[str, Any]:
-    """The JSON object of a series, as docs/series.md describes it; `files` are the paths of its frames."""
+    """The JSON object of a series, as docs/how-to/series.md has it; `files` are the paths of its frames."""
     return {
         "frames": [_frame_record(frame, file) for frame, file in zip(report.frames, files, strict=True)],
         "segments": [

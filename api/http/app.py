@@ -48,6 +48,7 @@ from api.http.routes import (
     telescopes,
     wire,
 )
+from api.http.routes.help import router as help_router
 from api.http.strict_requests import KnownQueryOnly
 from api.listeners.admission import descriptors_at_hand, nova_shares
 from api.listeners.listeners import Listener, Listeners
@@ -124,6 +125,7 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
         app.router.routes.extend(alpaca_routes(lambda: app.state.service, lambda: app.state.keys))
     # the page asks for the key itself
     app.include_router(page.router)
+    app.include_router(help_router)
     _describe_beside(app)
     return app
 

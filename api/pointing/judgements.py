@@ -100,6 +100,6 @@ def _as_values(judge: Callable[Known, Diagnosis | DriftReport]) -> Callable[Know
 
 
 diagnosis_view = _as_values(diagnosed)
-"""The diagnosis as docs/doctor.md describes it."""
+"""The diagnosis as docs/how-to/doctor.md describes it."""
 drift_view = _as_values(drift_reported)
-"""The report as docs/drift.md describes it."""
+"""The report as docs/how-to/drift.md describes it."""

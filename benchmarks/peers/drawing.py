@@ -92,7 +92,7 @@ class SeenSky:
     """
 
     def __init__(self, catalog: Catalog, seed: int) -> None:
-        # Tycho-2's true errors are 1.14 to 1.20 times the stated ones (docs/catalog.md)
+        # Tycho-2's true errors are 1.14 to 1.20 times the stated ones (docs/reference/catalog.md)
         self._sky = ErringCatalog(catalog, seed=seed, factor=1.17)
         self._seed = seed
 

@@ -59,7 +59,7 @@ def _fakes() -> Fakes:
 FAMILY = Family(
     name="lx200",
     open_mount=_open_mount,
-    # OnStep's, see docs/mounts-onstep.md; other bridges have 4030
+    # OnStep's, see docs/reference/mounts/onstep.md; other bridges have 4030
     usual_port=9999,
     also_called=(
         "meade",

@@ -1,4 +1,4 @@
-"""Credit and terms of use of the embedded catalog and of imported ones (docs/catalog-licenses.md)."""
+"""Credit and terms of use of the embedded and imported catalogs (docs/reference/catalog-licenses.md)."""
 
 from __future__ import annotations
 

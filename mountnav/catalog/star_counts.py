@@ -4,8 +4,8 @@ The model is that of J. N. Bahcall and R. M. Soneira, ApJS 44, 73 (1980), equati
 of a disk and a spheroid, said to be good to 15 % at galactic latitudes beyond 20°. Nearer to the plane it
 runs to infinity, and at V < 12 it has half the stars that Tycho-2 has. So here it is taken at 20° for all
 lower latitudes, and multiplied by a table of latitude and magnitude: to V = 11.5 what Tycho-2 has, deeper
-what makes the sums over the whole sky right. docs/narrow-fields.md has the comparison and where the sums
-come from.
+what makes the sums over the whole sky right. docs/figures/narrow-fields.md has the comparison and where the
+sums come from.
 
 It knows neither dust clouds nor clusters nor the Magellanic Clouds: a square degree may have a third or three
 times as many.

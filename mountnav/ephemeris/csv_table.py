@@ -1,4 +1,4 @@
-"""The plain table: CSV with a few lines that say what it is. docs/moving-targets.md shows one.
+"""The plain table: CSV with a few lines that say what it is. docs/explanation/moving-targets.md shows one.
 
 ::
 

@@ -37,5 +37,5 @@ def read_table(text: str, *, made_for: Observer | None = None) -> Table:
     raise BadRequest(
         "this is no ephemeris table that is read here",
         advice="observer tables of Horizons (text or CSV), pages of the MPC's ephemeris service, "
-        "and plain CSV are: docs/moving-targets.md",
+        "and plain CSV are: docs/explanation/moving-targets.md",
     )

@@ -25,7 +25,7 @@ hand."""
 INDEX_LEAST_DEG = 0.6
 """Fields narrower than this are hardly ever found by the index."""
 INDEX_MOST_DEG = 40.0
-"""Nor is it promised for wider ones (docs/blind.md)."""
+"""Nor is it promised for wider ones (docs/explanation/blind.md)."""
 OUTWARD_BESIDE_INDEX = 2.0
 """So many shorter frame sides beyond the hinted radius triangles seek the center where the index was asked
 too: of lists in which three of four sources are false they find some that it doesn't. Doubled, a hopeless

@@ -13,8 +13,8 @@ Stage = tuple[int, int]
 class IdentificationSettings:
     """Parameters of full identification and of the plate fit; the defaults are the "measured" profile.
 
-    `IdentificationSettings.paper()` gives the values of [S23 app. A]; docs/identification.md says what the
-    defaults gain over them.
+    `IdentificationSettings.paper()` gives the values of [S23 app. A]; docs/explanation/identification.md says
+    what the defaults gain over them.
 
     Attributes
     ----------
@@ -150,7 +150,8 @@ class IdentificationSettings:
 class PreliminarySettings:
     """Parameters of preliminary identification; the defaults are those of [S23 app. A].
 
-    `PreliminarySettings.measured()` is the profile that the series uses; docs/series.md says what it gains.
+    `PreliminarySettings.measured()` is the profile that the series uses; docs/how-to/series.md says what it
+    gains.
 
     Attributes
     ----------
@@ -171,7 +172,7 @@ class PreliminarySettings:
         The strobe is made so narrow that chance fills at most this share of the strobes; 1: not at all.
     confirm_factor : int
         A strobe may be filled by the confirm_factor · n_mea_reg brightest of each region; 0: by any. The
-        paper names no such set here; 2 is its k_blob, confirming over proposing set (docs/series.md).
+        paper names no such set here; 2 is its k_blob, confirming over proposing set (docs/how-to/series.md).
     use_flags : bool
         Leave out measurements with NO_PEAK, TRAIL and BLEED where enough others are there.
     narrowing : bool

@@ -3,7 +3,7 @@
 The count rule of the paper: enough of Ω_bl100 must find a star of Ω_star200 [S23 §2.2]. Each list holds what
 there is, if that is less than its name says: with a catalog of 16 stars in the frame no more than 16 of a
 hundred measurements can pair. So v_min_ident is a share of the pairs that could be: as many as the shorter of
-the two lists has in the frame. docs/identification.md has the figures.
+the two lists has in the frame. docs/explanation/identification.md has the figures.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ _LEAST_AREA_PX = 12
 tried."""
 _TRAIL_RATIO = 1.8
 """Major over minor rms width from which objects are trails: below it an ellipse fits as well
-(docs/measuring.md, *Known limits*: trails below 6 px)."""
+(docs/explanation/measuring.md, *Known limits*: trails below 6 px)."""
 _ROUND_RATIO = 1.5
 """Major over minor rms width up to which an object may be a ring."""
 _ALIGNED = 0.75
@@ -71,8 +71,8 @@ leaves of a tree."""
 _HOLLOW_AREA_PX = 40
 """A ring covers at least so many pixels: 7 px across. Smaller holes are lost in the blur."""
 _MOST_RADIUS_PX = 24
-"""Largest half side of the ePSF, px: longer trails are cut in pieces (docs/measuring.md, *Known limits*).
-Doubled, neighbors get into it and the time is fourfold."""
+"""Largest half side of the ePSF, px: longer trails are cut in pieces (docs/explanation/measuring.md, *Known
+limits*). Doubled, neighbors get into it and the time is fourfold."""
 _MARGIN_PX = 4
 """So many pixels beyond the objects' patches belong to the ePSF: its wings."""
 _STACKINGS = 3

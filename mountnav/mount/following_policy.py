@@ -11,7 +11,7 @@ OnLoss = Literal["sidereal", "stop"]
 
 @dataclass(frozen=True, slots=True)
 class FollowingPolicy:
-    """Bounds of rates and of axes moved by hand; the settings' `following` (docs/following.md).
+    """Bounds of rates and of axes moved by hand; the settings' `following` (docs/explanation/following.md).
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class EphemeridesSettings(Section):
-    """`[ephemerides]`: see docs/moving-targets.md.
+    """`[ephemerides]`: see docs/explanation/moving-targets.md.
 
     Attributes
     ----------

@@ -194,7 +194,11 @@ def _fix(detail: ErrorDetails, path: tuple[str | int, ...], known: Collection[st
     key = str(path[-1]) if path else ""
     if kind == "extra_forbidden":
         close = difflib.get_close_matches(key, sorted(known), n=1, cutoff=0.5)
-        return f"did you mean {close[0]}?" if close else "remove it; docs/configuration.md lists all settings"
+        return (
+            f"did you mean {close[0]}?"
+            if close
+            else "remove it; docs/reference/configuration.md lists all settings"
+        )
     if kind == "missing":
         return f"add {key} = ... to {_dotted(path[:-1])}" if len(path) > 1 else f"add a [{key}] table"
     if kind.startswith("union_tag"):
@@ -205,4 +209,4 @@ def _fix(detail: ErrorDetails, path: tuple[str | int, ...], known: Collection[st
         return 'write for example url = "lx200+serial:///dev/ttyUSB0?baud=9600"'
     if key == "id":
         return "use lower-case letters, digits, - and _"
-    return f"change {key}; docs/configuration.md lists its range"
+    return f"change {key}; docs/reference/configuration.md lists its range"

@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 
 
 class FollowingSettings(Section):
-    """`following` of a telescope: how it follows targets that move, and is moved by hand; docs/following.md.
+    """`following` of a telescope: how it follows targets that move and is moved by hand.
+
+    The rules: docs/explanation/following.md.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ _Rate = Annotated[float, Field(gt=0, le=360)]
 
 
 class LimitSettings(Section):
-    """`limits` of a telescope: where it may point, and by which way. Degrees; see docs/limits.md.
+    """`limits` of a telescope: where it may point, and by which way. Degrees; see docs/explanation/limits.md.
 
     Attributes
     ----------

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class ModelSettings(Section):
-    """`model` of a telescope: its pointing model; see docs/pointing-model.md.
+    """`model` of a telescope: its pointing model; see docs/explanation/pointing-model.md.
 
     Attributes
     ----------

@@ -125,7 +125,7 @@ def _over(named: T, values: Values, table: str) -> T:
             fix = (
                 f"did you mean {close[0]}?"
                 if close
-                else "remove it; docs/configuration.md lists all settings"
+                else "remove it; docs/reference/configuration.md lists all settings"
             )
             raise PydanticCustomError(
                 "no_such_parameter", "there is no such parameter", {"key": (table, name), "fix": fix}
@@ -176,5 +176,7 @@ def _wrong(table: str, name: str, what: str) -> PydanticCustomError:
     # braces would be taken for placeholders of the message
     told = what.replace("{", "(").replace("}", ")")
     return PydanticCustomError(
-        "wrong_parameter", f"{told}", {"key": (table, name), "fix": f"change {name}; docs/identification.md"}
+        "wrong_parameter",
+        f"{told}",
+        {"key": (table, name), "fix": f"change {name}; docs/explanation/identification.md"},
     )

@@ -39,7 +39,8 @@ class ErringCatalog:
     seed : int
         Another seed is another sky.
     factor : float
-        Times the stated errors; Tycho-2's true errors are 1.14 to 1.20 times as large (docs/catalog.md).
+        Times the stated errors; Tycho-2's true errors are 1.14 to 1.20 times as large
+        (docs/reference/catalog.md).
 
     Notes
     -----

@@ -46,7 +46,7 @@ class DeepSky:
         What `Stars.mag` is given in: an unfiltered CCD sees about what Gaia's G is.
     bright_errors : float
         The bright stars stand off their catalog places by so many times the errors that their catalog states
-        for J2016.0 [1.14 to 1.20 for Tycho-2, docs/catalog.md].
+        for J2016.0 [1.14 to 1.20 for Tycho-2, docs/reference/catalog.md].
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 """Coordinates as people type them: a position or a name; a lone or ambiguous coordinate is refused.
 
-The rules (`docs/coordinates.md` has them for users; `api/web/js/angles.js` reads by the same ones, and
-`tests/sky/typed_coordinates.json` holds both to them):
+The rules (`docs/explanation/coordinates.md` has them for users; `api/web/js/angles.js` reads by the same
+ones, and `tests/sky/typed_coordinates.json` holds both to them):
 
 1. A position has two coordinates. They are parted by a comma or semicolon, by the declination's sign, or by
    nothing but blanks; then there must be exactly one way to part them.

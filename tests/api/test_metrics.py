@@ -147,7 +147,7 @@ async def _requests_are_counted_by_their_templates_and_names_follow_the_rules(
 DEPLOY = ROOT / "deploy"
 ALERTS, DASHBOARD = DEPLOY / "prometheus" / "mountnav.rules.yml", DEPLOY / "grafana" / "mountnav.json"
 LABELS = {"telescope", "outcome", "state", "kind", "on_expiry", "direction", "le", "job", "version"}
-"""Those of `docs/metrics.md`, and Prometheus' own."""
+"""Those of `docs/reference/metrics.md`, and Prometheus' own."""
 
 
 def _expressions(file: Path) -> list[str]:

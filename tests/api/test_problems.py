@@ -38,7 +38,7 @@ def test_every_slug_that_the_code_names_is_known_and_described() -> None:
         named |= set(re.findall(r'problem\(\s*"([a-z-]+)"', file.read_text(encoding="utf-8")))
     assert {"busy", "unauthorized", "leased", "not-ready"} - named == {"busy"}, "the pattern finds them"
     assert named <= SLUGS, named - SLUGS
-    told = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    told = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
     missing = sorted(slug for slug in SLUGS if f"`{slug}`" not in told)
     assert missing == []
 

@@ -1,4 +1,4 @@
-"""The examples of docs/library run as they stand."""
+"""The examples of docs/reference/library run as they stand."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib as mpl
 import pytest
 
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "library"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference" / "library"
 NEEDS = {"solve": "rendered/B02.fits.fz", "pointing": "pointing/pmfit_equat.dat"}
 
 

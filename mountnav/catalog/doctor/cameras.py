@@ -29,7 +29,7 @@ _IMAGE_PX2 = 20.0
 """Area over which the noise of a star's image adds up: 4π σ², images three pixels wide."""
 _SURE_SNR = 10.0
 """A star counts as measured when it is so many times its noise; the same 10 that `estimated_depth_mag` and
-docs/catalog-doctor.md state. Halved, estimated depths grow by 0.75 to 1.5 mag."""
+docs/how-to/catalog-doctor.md state. Halved, estimated depths grow by 0.75 to 1.5 mag."""
 _LESS_THAN_IDEAL_MAG = 1.0
 """For moonlight, thin cloud, seeing and focus."""
 

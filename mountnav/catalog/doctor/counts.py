@@ -22,9 +22,9 @@ SOLVED_SHARE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.82, 0.95, 0.985, 0.995, 0.999)
 
 A tenth of the stars is taken not to be seen: blended, on a bad column, in a trail. With 5, 6, 7 stars seen
 85, 98 and 100 % were solved of 1,180 drawn star lists of 1024 × 1024 pixels, with ten artifacts as bright as
-the stars and five times as many fainter sources that are in no catalog (docs/catalog-doctor.md;
+the stars and five times as many fainter sources that are in no catalog (docs/how-to/catalog-doctor.md;
 tests/catalog/doctor/test_diagnosis_solves.py draws some again). Of 375 richer fields 374 were solved
-(docs/figures.md).
+(docs/figures/index.md).
 """
 SURE_STARS = len(SOLVED_SHARE)
 """With so many stars and more a frame counts as solved."""

@@ -1,8 +1,8 @@
 """Star catalogs that an observatory can get: those that the kinds in `mountnav.catalog.readers` declare.
 
 Their counts, depths and sizes are those of the catalogs' own descriptions (CDS I/259, I/284, I/322A; the
-ASTAP and Siril projects' pages; a table of the sizes of index files), or estimates: docs/catalog-doctor.md
-says which.
+ASTAP and Siril projects' pages; a table of the sizes of index files), or estimates:
+docs/how-to/catalog-doctor.md says which.
 """
 
 from __future__ import annotations

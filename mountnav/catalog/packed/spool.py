@@ -291,8 +291,8 @@ FIRST_CUT_NSIDE = 16
 pixels. Finer, the counting takes more memory; coarser, dense regions make pieces too large."""
 STARS_PER_PIXEL = 64
 """Stars that a pixel of the finished file holds about, half to twice of it on average; measured in
-docs/packed-store.md: with fewer, wide cones spend their time on pixels; with more, narrow ones on stars
-outside."""
+docs/reference/packed-store.md: with fewer, wide cones spend their time on pixels; with more, narrow ones on
+stars outside."""
 PIXELS_PER_STAR = 0.6
 """At most: so the tables of the pixels, 6 bytes each, stay well below the 15 bytes of each star."""
 LARGEST_PACKED_NSIDE = 2048
@@ -302,8 +302,8 @@ LARGEST_PACKED_NSIDE = 2048
 def nside_for(count: int, sky_share: float = 1.0) -> int:
     """HEALPix resolution that suits a catalog: some dozen stars in a pixel.
 
-    Measured in docs/packed-store.md: with fewer, wide cones spend their time on pixels; with more, narrow
-    ones on stars outside.
+    Measured in docs/reference/packed-store.md: with fewer, wide cones spend their time on pixels; with more,
+    narrow ones on stars outside.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ class Reader(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Credit:
-    """What is to be said when a catalog is used (docs/catalog-licenses.md).
+    """What is to be said when a catalog is used (docs/reference/catalog-licenses.md).
 
     Attributes
     ----------

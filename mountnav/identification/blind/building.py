@@ -114,12 +114,12 @@ EPOCH_YR = 2026.0
 """Shapes hold for this year. A star of 0.1″/yr has moved 1″ ten years on, less than a quad's tolerance."""
 LEVELS = 13
 """Densities of stars, each half the one before: 48 to 0.012 per square degree, for fields of 0.6° to 40°
-(docs/blind.md)."""
+(docs/explanation/blind.md)."""
 NEIGHBORS = 6
 """Nearest neighbors of which quads are made: the highest rank in `USUAL` and `MORE`."""
 USUAL = ((1, 2, 4), (1, 3, 5), (2, 3, 4))
 """Which neighbors, by rank of distance, make quads with a star. Other ranks that were tried, and what they
-lose, stand in docs/blind.md."""
+lose, stand in docs/explanation/blind.md."""
 MORE = (*USUAL, (1, 2, 3), (1, 3, 4), (2, 4, 5), (1, 2, 5), (2, 3, 6))
 """The same where a frame has few stars, since the level holds all that the catalog has; and in coarse levels,
 where they cost little: wide frames are bent, and lose quads to that."""

@@ -152,8 +152,8 @@ QUAD_QUERIES = (
 )
 """Rounds of a search, the cheap and likely first: the 10, 14, 18 and 24 brightest measurements; between them,
 looser ones for bent lenses (2 px), and frames taken as 24° and 38° wide; then quads of neighbors, for lists
-with many false sources. Chosen by hand on star lists of the real sky and on real frames: docs/blind.md has
-what each order finds."""
+with many false sources. Chosen by hand on star lists of the real sky and on real frames:
+docs/explanation/blind.md has what each order finds."""
 
 
 def frame_quads(query: QuadQuery, z: Complex) -> Index:

@@ -26,7 +26,7 @@ from mountnav.settings.observatory import Settings
 from tests.api.conftest import Serve
 from tests.api.http.stop_answers import stopped
 
-DOCS = Path(__file__).resolve().parents[3] / "docs" / "security.md"
+DOCS = Path(__file__).resolve().parents[3] / "docs" / "how-to" / "security.md"
 
 NO_KEY_NEEDED = {
     "/",
@@ -37,6 +37,9 @@ NO_KEY_NEEDED = {
     "/redoc",
     "/openapi.json",
     "/static-offline-docs",
+    "/help",
+    "/help/",
+    "/help/{path}",
 }
 """The page's own files and the API's description: they tell nothing of the sky; the page asks for the key."""
 ONLY_VIRTUAL = {"GET /v1/virtual"}
@@ -78,7 +81,7 @@ def test_every_route_states_its_role_and_is_held_to_it(app: FastAPI) -> None:
         calls = calls_of(dependant)
         own = [one for one in calls if isinstance(one, RoleRequired)]
         assert line in ROLES or own, (
-            f"{line}: say in api/access/roles.py and docs/security.md which role it needs"
+            f"{line}: say in api/access/roles.py and docs/how-to/security.md which role it needs"
         )
         seen.add(line)
         if line in ROLES and ROLES[line] is not None:

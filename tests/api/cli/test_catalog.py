@@ -311,7 +311,7 @@ def test_info_of_the_embedded_one_is_what_its_docs_say() -> None:
     assert "BSD-2" in facts["terms"]
     assert facts["with_motion_percent"] == pytest.approx(95.2, abs=1.0)
     by_mag = {one["mag"]: one for one in facts["magnitudes"]}
-    # docs/catalog.md: 0.069″ at V 8-10.6, 0.113″ at 10.6-11.5
+    # docs/reference/catalog.md: 0.069″ at V 8-10.6, 0.113″ at 10.6-11.5
     assert 0.05 < by_mag[9]["sigma_arcsec"] < by_mag[11]["sigma_arcsec"] < 0.16
     # star counts of the whole file, by itself
     stars = embedded_catalog().cone(Icrs(0.0, 90.0), 180.0, epoch_yr=2000.0, mag_limit=9.9999)

@@ -101,7 +101,7 @@ def test_many_fields_of_each_kind(sky_index, where, side_deg):
             wrong += not is_right(got, one)
     print(f"{side_deg}°, {where}: {found} of {tried} found, {wrong} wrong")
     assert wrong == 0
-    # eight to twenty stars among thirty false sources, in small fields: known gap, docs/blind.md
+    # eight to twenty stars among thirty false sources, in small fields: known gap, docs/explanation/blind.md
     assert found >= (0.85 if side_deg <= 1.0 else 0.95) * tried
 
 

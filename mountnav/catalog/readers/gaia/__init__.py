@@ -20,7 +20,7 @@ _V_LESS_G_MAG = 0.3
 """V of a field star less its G, about: the doctor's model of star counts is in V. Twice as much, and the
 doctor would believe that an extract reaches 0.3 mag deeper than it does."""
 _FETCHED_BYTES_PER_STAR = 88.0
-"""Of the recommended columns as FITS or Parquet (docs/catalog-doctor.md): what is to be fetched."""
+"""Of the recommended columns as FITS or Parquet (docs/how-to/catalog-doctor.md): what is to be fetched."""
 
 
 def _open(path: Path) -> Reader:
@@ -38,7 +38,7 @@ def _to(limit_g: int, stars: int, sigma_arcsec: float) -> Edition:
         download_gb=stars * _FETCHED_BYTES_PER_STAR / 1e9,
         obtained=(
             "the Gaia archive (gea.esac.esa.int/archive, table gaiadr3.gaia_source) in parts, as FITS or "
-            "Parquet, or CDS I/355; the columns: docs/catalog-doctor.md"
+            "Parquet, or CDS I/355; the columns: docs/how-to/catalog-doctor.md"
         ),
     )
 

@@ -48,7 +48,7 @@ def is_high(fake: FakeLx200) -> bool:
 
 
 JUDGES = [
-    # it throws its own order to park away on a pseudo-terminal, see docs/mounts-lx200.md
+    # it throws its own order to park away on a pseudo-terminal, see docs/reference/mounts/lx200.md
     Judge("indi_lx200gemini", "Losmandy Gemini", "gemini", parks=None),
     # the others wait for a configuration that was saved by hand
     Judge("indi_lx200ap", "AstroPhysics", "ap", parks=None),

@@ -1,0 +1,1 @@
+"""The documentation as it is shipped: the site's files, and which of its pages answers a question."""
