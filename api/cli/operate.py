@@ -25,6 +25,7 @@ from api.cli.operate_targets import TargetOptions, chosen_target
 from api.cli.options import LOCAL_SERVICE, ChosenTelescope, Json, Service, Token
 from api.cli.output import print_json
 from mountnav.errors import BadRequest, BadSettings, MountnavError
+from mountnav.units import duration_text
 
 if TYPE_CHECKING:
     from mountnav.client import Client
@@ -239,7 +240,9 @@ def _state_words(state: TelescopeState) -> list[str]:
     lines += [f"  {line}" for line in _moving_words(dict(state))]
     limit = state["next_limit"]
     if limit is not None:
-        lines.append(f"  {limit['limit']} limit in {_span(limit['after_s'])}, at {_clock(limit['utc'])}")
+        lines.append(
+            f"  {limit['limit']} limit in {duration_text(limit['after_s'])}, at {_clock(limit['utc'])}"
+        )
     lines += [f"  problem: {state['problem']}"] if state["problem"] else []
     lines += [f"  {state['contradiction']}"] if state["contradiction"] else []
     if state["trusted"] is False:
@@ -293,14 +296,6 @@ def _moving_words(state: dict[str, Any]) -> list[str]:
 def _clock(utc: str | None) -> str:
     """An instant as people read it: time of day, UTC."""
     return "an unknown time" if utc is None else f"{utc[11:19]} UTC"
-
-
-def _span(seconds: float | None) -> str:
-    if seconds is None:
-        return "an unknown time"
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
 
 
 # -- orders ----------------------------------------------------------------------------------------------

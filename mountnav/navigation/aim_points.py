@@ -27,6 +27,7 @@ from mountnav.sky.sphere import (
     turn_deg,
 )
 from mountnav.solution import Solution
+from mountnav.units import ARCSEC_PER_RAD
 
 __all__ = [
     "AimPoint",
