@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar, get_type_hints
 
@@ -87,19 +87,31 @@ SiteLongitude = Annotated[float | None, typer.Option(help="Of the site, degrees,
 KnownModel = Annotated[Path | None, typer.Option(help="A pointing model's file: what is known of the mount.")]
 
 
-def takes_options(options: type[Options]) -> Callable[[Callable[[Options], int]], Callable[..., None]]:
-    """Make a command of a function that takes a dataclass and returns an exit code.
+@dataclass(frozen=True, kw_only=True)
+class ServiceOptions:
+    """Options of a command to a running service."""
+
+    service: Service = LOCAL_SERVICE
+    token: Token = None
+    as_json: Json = False
+
+
+def takes_options(options: type[Options]) -> Callable[[Callable[[Options], int | None]], Callable[..., None]]:
+    """Make a command of a function that takes a dataclass and returns an exit code, or None for 0.
 
     The fields of the dataclass are the options of the command: ``speed: Annotated[float,
     typer.Option(...)]``. So a command of many options declares each once, and hands them on as one value.
+    What several commands share is a base class, whose options come after the command's own.
     """
 
-    def command_of(work: Callable[[Options], int]) -> Callable[..., None]:
+    def command_of(work: Callable[[Options], int | None]) -> Callable[..., None]:
         @functools.wraps(work)
         def command(**values: Any) -> None:
-            raise typer.Exit(work(options(**values)))
+            raise typer.Exit(work(options(**values)) or 0)
 
         hints = get_type_hints(options, include_extras=True)
+        own_first = {name: None for one in options.__mro__ for name in vars(one).get("__annotations__", ())}
+        known = {field.name: field for field in fields(options)}  # type: ignore[arg-type]
         parameters = [
             inspect.Parameter(
                 field.name,
@@ -107,7 +119,7 @@ def takes_options(options: type[Options]) -> Callable[[Callable[[Options], int]]
                 default=inspect.Parameter.empty if field.default is MISSING else field.default,
                 annotation=hints[field.name],
             )
-            for field in fields(options)  # type: ignore[arg-type]
+            for field in (known[name] for name in own_first if name in known)
         ]
         # typer reads the options from these two
         command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
