@@ -28,9 +28,10 @@ from mountnav.ephemeris.tle import checksum, read_tle
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.sky.iers import earth_orientation
 from mountnav.sky.kernel import SHIPPED_PATH, barycentric_state_km
-from mountnav.sky.observer import AU_KM, site_geocentric_km
+from mountnav.sky.observer import site_geocentric_km
 from mountnav.sky.planets import BODIES, position_of_body
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.units import AU_KM
 
 SITE = Site(40.0, -105.0, 1600.0)
 SYSTEMS = ("mars", "jupiter", "saturn", "uranus", "neptune", "pluto")

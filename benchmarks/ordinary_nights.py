@@ -32,7 +32,7 @@ from mountnav.pointing.model.acceptance import Made, make
 from mountnav.pointing.model.in_force import ModelInForce
 from mountnav.pointing.model.mechanical import Conversion, mechanical
 from mountnav.pointing.model.model import model_of
-from mountnav.pointing.model.rigorous import ARCSEC, angles, geometry, seen_from, wrapped
+from mountnav.pointing.model.rigorous import angles, geometry, seen_from, wrapped
 from mountnav.pointing.model.terms import ZERO_POINTS
 from mountnav.pointing.observation import PointingObservation
 from mountnav.simulation.machine import Machine
@@ -48,6 +48,7 @@ from mountnav.sky.chain import (
 )
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site
 from mountnav.sky.sphere import displaced, half_turn_deg, offset_arcsec, separation_arcsec
+from mountnav.units import RAD_PER_ARCSEC
 
 Mounting = Literal["german", "fork", "altaz"]
 MOUNTINGS: tuple[Mounting, ...] = ("german", "fork", "altaz")
@@ -118,7 +119,7 @@ class AltAzimuth:
     def _move(self) -> None:
         axes = self._axes()
         axes[0] = self._axes_before[0] + float(wrapped(np.array([axes[0] - self._axes_before[0]]))[0])
-        play = BACKLASH_ARCSEC * ARCSEC
+        play = BACKLASH_ARCSEC * RAD_PER_ARCSEC
         self._driven = np.minimum(np.maximum(self._driven, axes), axes + play)
         self._axes_before = axes
 
@@ -141,7 +142,7 @@ class AltAzimuth:
         """Where the tube looks."""
         self._move()
         worm = 2.0 * math.pi * self._axes_before[0] / math.radians(WORM_S * 360.0 / 86164.0905)
-        lon = self._driven[0] + PERIODIC_ARCSEC * ARCSEC * math.sin(worm)
+        lon = self._driven[0] + PERIODIC_ARCSEC * RAD_PER_ARCSEC * math.sin(worm)
         seen = seen_from(self._geometry, np.array([lon]), self._driven[1:2])[0]
         return self._conversion.icrs_of(seen, self._at())
 

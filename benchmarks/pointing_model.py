@@ -26,8 +26,9 @@ from mountnav.errors import ModelRefused
 from mountnav.pointing.model.acceptance import predicted
 from mountnav.pointing.model.fit import fit
 from mountnav.pointing.model.mechanical import Mechanical
-from mountnav.pointing.model.rigorous import ARCSEC, angles, axes_for, direction, geometry
+from mountnav.pointing.model.rigorous import angles, axes_for, direction, geometry
 from mountnav.pointing.model.tpoint_file import read_observations_text
+from mountnav.units import RAD_PER_ARCSEC
 
 SIX = ("IH", "ID", "CH", "ME", "MA", "TF")
 PUBLISHED = {"IH": -92.258, "ID": -126.738, "CH": 44.210, "ME": 64.848, "MA": -2.992, "TF": 10.993}
@@ -47,7 +48,7 @@ def telescope(coefficients: dict[str, float], n: int, noise_arcsec: float, seed:
     seen = seen[up > math.sin(math.radians(15.0))][:n]
     beyond = rng.random(n) < 0.5
     axes = axes_for(geometry("equatorial", latitude, coefficients), seen, beyond)
-    noise = rng.normal(0.0, noise_arcsec * ARCSEC, (n, 2))
+    noise = rng.normal(0.0, noise_arcsec * RAD_PER_ARCSEC, (n, 2))
     return Mechanical(
         "equatorial", latitude, seen, beyond, axes.lon_rad + noise[:, 0] / np.cos(axes.lat_rad),
         axes.lat_rad + noise[:, 1], np.full(n, 0.5), np.zeros(n, dtype=np.int64), ("s",),
@@ -63,10 +64,13 @@ def spoiled(m: Mechanical, seed: int) -> Mechanical:
     )
     way = rng.uniform(0.0, 2.0 * np.pi, 4)
     zero = np.vstack([np.zeros((1, 2)), np.cumsum(np.stack([np.cos(way), np.sin(way)], axis=1), axis=0)])
-    zero *= 600.0 * ARCSEC
+    zero *= 600.0 * RAD_PER_ARCSEC
     wrong = rng.choice(n, round(0.08 * n), replace=False)
     lon, lat = angles(m.seen)
-    size, way = rng.uniform(600.0, 3600.0, len(wrong)) * ARCSEC, rng.uniform(0.0, 2.0 * np.pi, len(wrong))
+    size, way = (
+        rng.uniform(600.0, 3600.0, len(wrong)) * RAD_PER_ARCSEC,
+        rng.uniform(0.0, 2.0 * np.pi, len(wrong)),
+    )
     lat[wrong] += size * np.sin(way)
     lon[wrong] += size * np.cos(way) / np.cos(lat[wrong])
     return replace(

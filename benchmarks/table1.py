@@ -30,12 +30,13 @@ from mountnav.identification.accuracy import (
 )
 from mountnav.simulation.catalog_errors import ErringCatalog
 from mountnav.simulation.optics import SimulatedOptics, optics_preset
-from mountnav.simulation.render import draw_frame, julian_year
+from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, gnomonic_inverse, separation_arcsec
 from mountnav.sky.wcs import places_at_pixels
 from mountnav.solution import Solution
 from mountnav.solving.solve import solve
+from mountnav.units import julian_year
 
 Array = NDArray[np.float64]
 

@@ -21,6 +21,7 @@ from mountnav.frames import Frame
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.units import ARCSEC_PER_DEG, DEG_PER_HOUR, SECONDS_PER_HOUR
 
 Epoch = Literal["apparent", "icrs"]
 
@@ -49,6 +50,17 @@ class TrackingRate(StrEnum):
     SOLAR = "solar"
     KING = "king"
     CUSTOM = "custom"
+
+
+TRACKING_DEG_S: Mapping[TrackingRate, float] = {
+    TrackingRate.SIDEREAL: SIDEREAL_DEG_S,
+    TrackingRate.LUNAR: 14.511415 / ARCSEC_PER_DEG,
+    TrackingRate.SOLAR: DEG_PER_HOUR / SECONDS_PER_HOUR,
+    TrackingRate.KING: 15.0369 / ARCSEC_PER_DEG,
+}
+"""How fast the hour angle axis turns at each rate that isn't the user's own, degrees per second, as INDI and
+the hand controls have them [INDI inditelescope.h]: the mean Moon, the mean Sun, and a star at the pole in
+mean refraction (King). Doubled, whatever is followed is lost in a minute."""
 
 
 class Direction(StrEnum):

@@ -57,6 +57,17 @@ async def both(one: Awaitable[T], other: Awaitable[U]) -> tuple[T, U]:
     return first.result(), second.result()
 
 
+async def first_of(*work: Awaitable[object]) -> None:
+    """Do several things at once until the first has ended; end the others: a pause and what cuts it short."""
+    tasks = [waited_for(one) for one in work]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
 def begun(work: Coroutine[Any, Any, T], name: str, *, died: Died) -> asyncio.Task[T]:
     """Begin work that nobody waits for.
 
@@ -140,4 +151,4 @@ class Crew:
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-__all__ = ["Crew", "Died", "begun", "both", "fault_words", "together", "waited_for"]
+__all__ = ["Crew", "Died", "begun", "both", "fault_words", "first_of", "together", "waited_for"]

@@ -59,6 +59,7 @@ ROOMS = (
     "masking",
     "tasks",
     "errors",
+    "units",
     "version",
 )
 """Rooms of `mountnav` from the top to the ground; the contract in pyproject.toml holds the same order."""

@@ -60,7 +60,7 @@ from api.orders.vocabulary import (
 )
 from mountnav.devices import STARS_RATES, MountAxis, OffsetRates, RateSpan, Skill, TrackingRate
 from mountnav.navigation.navigator import Navigator
-from mountnav.sky.coordinates import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S
 
 __all__ = [
     "ABILITIES",
@@ -168,11 +168,6 @@ _GUIDE_RATES = {"GuideRateRightAscension": _guide_rate_ra, "GuideRateDeclination
 _UNTOLD = "the mount doesn't tell it"
 _AT_THE_MOUNT = "it is set at the mount"
 
-_ARCSEC_S = 3600.0 * SIDEREAL_DEG_S
-"""″ of right ascension per second of the clock that 1 s of right ascension per sidereal second is: 15.041.
-ASCOM counts RightAscensionRate by the latter, DeclinationRate in ″ per second of the clock. Doubled, comets
-are tracked twice too fast."""
-
 
 def offsets_of(device: AlpacaTelescope) -> OffsetRates:
     """The offsets in force, by whatever face; none where the rate isn't sidereal [Alpaca §5]."""
@@ -181,7 +176,7 @@ def offsets_of(device: AlpacaTelescope) -> OffsetRates:
 
 
 def _ra_rate(device: AlpacaTelescope, call: Call) -> float:
-    return offsets_of(device).ra_arcsec_s / _ARCSEC_S
+    return offsets_of(device).ra_arcsec_s / SIDEREAL_ARCSEC_S
 
 
 def _dec_rate(device: AlpacaTelescope, call: Call) -> float:
@@ -189,7 +184,9 @@ def _dec_rate(device: AlpacaTelescope, call: Call) -> float:
 
 
 async def _set_ra_rate(device: AlpacaTelescope, call: Call) -> None:
-    wanted = OffsetRates(call.number("RightAscensionRate") * _ARCSEC_S, offsets_of(device).dec_arcsec_s)
+    wanted = OffsetRates(
+        call.number("RightAscensionRate") * SIDEREAL_ARCSEC_S, offsets_of(device).dec_arcsec_s
+    )
     await _set_offsets(device, call, "RightAscensionRate", wanted, abs(wanted.ra_arcsec_s))
 
 
@@ -207,7 +204,7 @@ async def _set_offsets(
         of_ra = name == "RightAscensionRate"
         bound_arcsec_s = most.ra_arcsec_s if of_ra else most.dec_arcsec_s
         if size_arcsec_s > bound_arcsec_s * _ROUNDED:
-            bound = bound_arcsec_s / _ARCSEC_S if of_ra else bound_arcsec_s
+            bound = bound_arcsec_s / SIDEREAL_ARCSEC_S if of_ra else bound_arcsec_s
             raise invalid_value(name, call.number(name), f"this mount takes {-bound:g} to {bound:g}")
     if wanted == offsets_of(device) and wanted.none:
         return

@@ -24,16 +24,13 @@ from api.cli.chosen_catalogs import (
 from api.cli.options import DEC_OPTION, RA_OPTION, Json
 from api.cli.output import print_json
 from mountnav.errors import BadRequest, BadSettings
+from mountnav.units import julian_year
 
 if TYPE_CHECKING:
     from mountnav.catalog.installed import Installed
     from mountnav.catalog.packed import PackedStore
     from mountnav.settings.catalogs import OnlineSettings
 
-_J2000_UNIX_S = 946_728_000.0
-"""2000-01-01T12:00 UTC as a Unix time: the epoch J2000.0, but for the minute between UTC and TT."""
-_JULIAN_YEAR_S = 365.25 * 86400.0
-"""By definition: proper motions are a Julian year's."""
 _LIST_COLUMNS = (
     "slug",
     "stars",
@@ -284,7 +281,7 @@ def _now_yr() -> float:
     """The Julian year now."""
     from mountnav.clock import utc_now
 
-    return 2000.0 + (utc_now().timestamp() - _J2000_UNIX_S) / _JULIAN_YEAR_S
+    return julian_year(utc_now())
 
 
 def _list_facts(found: Installed, state: str) -> dict[str, object]:

@@ -16,6 +16,7 @@ from api.cli.chosen_catalogs import CatalogsConfig, Folder, folder_of, online_ca
 from api.cli.options import DEC_OPTION, RA_OPTION, Json, config_option
 from api.cli.output import print_json
 from mountnav.errors import BadRequest
+from mountnav.units import duration_text
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -319,7 +320,7 @@ class ImportProgressBar:
         done = progress.share - self._first.share
         left = ""
         if done > 0 and elapsed_s >= _RATE_AFTER_S:
-            left = f"  {_time(elapsed_s * (1.0 - progress.share) / done)} left"
+            left = f"  {duration_text(elapsed_s * (1.0 - progress.share) / done)} left"
         stage = _STAGES[progress.stage]
         sys.stderr.write(f"{stage}: {100.0 * progress.share:.0f} %  {text}{left}\n")
         sys.stderr.flush()
@@ -330,13 +331,6 @@ def _size(size_bytes: float) -> str:
         if size_bytes >= factor:
             return f"{size_bytes / factor:.1f} {unit}"
     return f"{size_bytes / 1e3:.0f} kB"
-
-
-def _time(seconds: float) -> str:
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60.0)
-    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 @contextmanager

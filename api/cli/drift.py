@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from api.cli.options import (
-    Json,
-    KnownModel,
-    LooksConfig,
-    LooksSince,
-    LooksSource,
-    LooksTelescope,
-    LooksUntil,
-    SiteLatitude,
-    SiteLongitude,
-)
+from api.cli.options import LooksOptions, takes_options
 from api.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -26,49 +17,38 @@ if TYPE_CHECKING:
 HEAD = "from (UTC)           min looks   HA h   Dec °      east ″/h            north ″/h        jumps"
 
 
-def drift(
-    source: LooksSource = None,
-    config: LooksConfig = None,
-    telescope: LooksTelescope = None,
-    since: LooksSince = None,
-    until: LooksUntil = None,
-    latitude: SiteLatitude = None,
-    longitude: SiteLongitude = None,
-    model: KnownModel = None,
-    worm_period: Annotated[float | None, typer.Option(help="Of the worm, seconds, if known.")] = None,
+@dataclass(frozen=True, kw_only=True)
+class DriftOptions(LooksOptions):
+    """Options of `drift`."""
+
+    worm_period: Annotated[float | None, typer.Option(help="Of the worm, seconds, if known.")] = None
     mount_refracts: Annotated[
         bool, typer.Option("--mount-refracts", help="The mount corrects refraction itself.")
-    ] = False,
-    as_json: Json = False,
-) -> None:
+    ] = False
+
+
+@takes_options(DriftOptions)
+def drift(options: DriftOptions) -> int:
     """Tell how a mount drifts, swings and settles, and how to turn its polar axis."""
     from api.pointing.judgements import drift_reported
     from api.pointing.looks import read_looks, read_model
 
-    found = read_looks(
-        source,
-        config=config,
-        telescope=telescope,
-        since=since,
-        until=until,
-        latitude=latitude,
-        longitude=longitude,
-    )
+    found = read_looks(**options.where())
     report = drift_reported(
         found.observations,
         site=found.site,
         slew_ends=found.slew_ends,
-        model=read_model(model),
-        worm_period_s=worm_period,
-        mount_refracts=mount_refracts,
+        model=read_model(options.model),
+        worm_period_s=options.worm_period,
+        mount_refracts=options.mount_refracts,
         altaz=found.mounting == "altaz",
     )
-    if as_json:
+    if options.as_json:
         print_json(report.as_dict())
     else:
         sys.stdout.write(_text(report))
     known = any(stretch.rates is not None for stretch in report.stretches)
-    raise typer.Exit(0 if known else 1)
+    return 0 if known else 1
 
 
 def _text(report: DriftReport) -> str:

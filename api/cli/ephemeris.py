@@ -13,6 +13,7 @@ import typer
 from api.cli.options import Json, config_option
 from api.cli.output import print_json, refusing_os_errors
 from mountnav.errors import BadRequest, BadSettings
+from mountnav.units import DEG_PER_HOUR, J2000_JD, J2000_UTC, sexagesimal_text
 
 if TYPE_CHECKING:
     from mountnav.ephemeris.ephemeris import Ephemeris
@@ -224,8 +225,8 @@ def _row(target: Ephemeris, utc: datetime, site: Site, air: Air) -> dict[str, An
         "utc": utc.isoformat(),
         "ra_deg": place.ra_deg,
         "dec_deg": place.dec_deg,
-        "ra": _sexagesimal(place.ra_deg / 15.0, 2, ""),
-        "dec": _sexagesimal(place.dec_deg, 1, "+"),
+        "ra": sexagesimal_text(place.ra_deg / DEG_PER_HOUR, 2, wrap=24),
+        "dec": sexagesimal_text(place.dec_deg, 1, plus="+"),
         "altitude_deg": observed.alt_deg,
         "azimuth_deg": observed.az_deg,
         "ra_arcsec_s": rates.ra_arcsec_s,
@@ -340,16 +341,5 @@ def _site_of(site: tuple[float, float, float] | None, config: Path | None) -> tu
     return told, air
 
 
-def _sexagesimal(value: float, decimals: int, plus: str) -> str:
-    """Hours or degrees, minutes and seconds."""
-    sign = "-" if value < 0.0 else plus
-    units = round(abs(value) * 3600.0 * 10**decimals)
-    whole, rest = divmod(units, 3600 * 10**decimals)
-    minutes, seconds = divmod(rest, 60 * 10**decimals)
-    if not plus:
-        whole %= 24
-    return f"{sign}{whole:02d} {minutes:02d} {seconds / 10**decimals:0{decimals + 3}.{decimals}f}"
-
-
 def _day(jd: float) -> str:
-    return f"{datetime(2000, 1, 1, 12) + timedelta(days=jd - 2451545.0):%Y-%m-%d}"
+    return f"{J2000_UTC + timedelta(days=jd - J2000_JD):%Y-%m-%d}"

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import typer
 
-from api.cli.options import LOCAL_SERVICE, Json, Service, ServiceTelescope, Token
+from api.cli.options import ServiceOptions, takes_options
 from api.cli.output import answering, print_json
 
 night_app = typer.Typer(help="The nights of a running service.", no_args_is_help=True)
 
-Why = Annotated[str, typer.Option(help="In your words; the journal keeps them.")]
 Order = Literal["start", "stop", "pause", "resume"]
 
 LONGEST_S = 90.0
@@ -20,81 +20,72 @@ LONGEST_S = 90.0
 hand; with less, an order that was carried out is reported as unanswered."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class NightOptions(ServiceOptions):
+    """Options of what is asked of one telescope's night."""
+
+    telescope: Annotated[str, typer.Argument(help="Id of the telescope.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NightOrderOptions(NightOptions):
+    """Options of an order to it."""
+
+    why: Annotated[str, typer.Option(help="In your words; the journal keeps them.")] = ""
+
+
 @night_app.command()
-def status(
-    telescope: ServiceTelescope, service: Service = LOCAL_SERVICE, token: Token = None, as_json: Json = False
-) -> None:
+@takes_options(NightOptions)
+def status(options: NightOptions) -> None:
     """Tell the night's phase, what was measured and corrected, and the drift so far."""
-    _print_night(telescope, None, "", service, token, as_json)
+    _print_night(options)
 
 
 @night_app.command()
-def start(
-    telescope: ServiceTelescope,
-    why: Why = "",
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+@takes_options(NightOrderOptions)
+def start(options: NightOrderOptions) -> None:
     """Begin now, whatever the Sun says."""
-    _print_night(telescope, "start", why, service, token, as_json)
+    _print_night(options, "start", options.why)
 
 
 @night_app.command()
-def stop(
-    telescope: ServiceTelescope,
-    why: Why = "",
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+@takes_options(NightOrderOptions)
+def stop(options: NightOrderOptions) -> None:
     """End tonight's; the next night begins by itself."""
-    _print_night(telescope, "stop", why, service, token, as_json)
+    _print_night(options, "stop", options.why)
 
 
 @night_app.command()
-def pause(
-    telescope: ServiceTelescope,
-    why: Why = "",
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+@takes_options(NightOrderOptions)
+def pause(options: NightOrderOptions) -> None:
     """Correct nothing until `resume`; frames are still measured."""
-    _print_night(telescope, "pause", why, service, token, as_json)
+    _print_night(options, "pause", options.why)
 
 
 @night_app.command()
-def resume(
-    telescope: ServiceTelescope,
-    why: Why = "",
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+@takes_options(NightOrderOptions)
+def resume(options: NightOrderOptions) -> None:
     """Go on after `pause`."""
-    _print_night(telescope, "resume", why, service, token, as_json)
+    _print_night(options, "resume", options.why)
 
 
-def _print_night(
-    telescope: str, order: Order | None, why: str, service: str, token: str | None, as_json: bool
-) -> None:
+def _print_night(options: NightOptions, order: Order | None = None, why: str = "") -> None:
     """Give the order, if there is one, and print the night. Raises `ServiceError`, `DeviceMissing`."""
     import httpx
 
     from mountnav.client import ServiceError
 
-    headers = {"Authorization": f"Bearer {token}"} if token else {}
-    path = f"/v1/telescopes/{telescope}/night"
+    headers = {"Authorization": f"Bearer {options.token}"} if options.token else {}
+    path = f"/v1/telescopes/{options.telescope}/night"
     with (
-        answering(service),
-        httpx.Client(base_url=service, headers=headers, timeout=LONGEST_S, trust_env=False) as http,
+        answering(options.service),
+        httpx.Client(base_url=options.service, headers=headers, timeout=LONGEST_S, trust_env=False) as http,
     ):
         answer = http.get(path) if order is None else http.post(f"{path}/{order}", json={"why": why})
     if answer.is_error:
         raise ServiceError(answer.json(), answer.status_code)
     night: dict[str, Any] = answer.json()
-    if as_json:
+    if options.as_json:
         print_json(night, indent=1)
     else:
         sys.stdout.write(shown(night))

@@ -21,10 +21,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from api.cli.operate_targets import TargetOptions, chosen_target
-from api.cli.options import LOCAL_SERVICE, ChosenTelescope, Json, Service, Token
+from api.cli.operate_targets import MovingTargetOptions, TargetOptions
+from api.cli.options import LOCAL_SERVICE, ChosenTelescope, ServiceOptions, takes_options
 from api.cli.output import print_json
 from mountnav.errors import BadRequest, BadSettings, MountnavError
+from mountnav.units import duration_text
 
 if TYPE_CHECKING:
     from mountnav.client import Client
@@ -41,11 +42,41 @@ _RATE_WORDS: dict[str, Literal["lunar", "solar", "king"]] = {
     "solar": "solar",
     "king": "king",
 }
-Supersede = Annotated[
-    bool, typer.Option("--supersede", help="End the job that holds the telescope, and take its place.")
-]
-Detach = Annotated[bool, typer.Option("--detach", help="Leave when it has begun; it goes on in the service.")]
 Exposure = Annotated[float | None, typer.Option("--exposure", min=0.001, max=600, help="Seconds.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OneOrAll(ServiceOptions):
+    """Options of what is asked of one telescope, or of all."""
+
+    telescope: Annotated[
+        str | None, typer.Argument(help="Which one; all of them if left out.", show_default=False)
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BriefOptions(ServiceOptions):
+    """Options of an order to one telescope that ends at once."""
+
+    telescope: ChosenTelescope = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrderOptions(BriefOptions):
+    """Options of an order to one telescope."""
+
+    detach: Annotated[
+        bool, typer.Option("--detach", help="Leave when it has begun; it goes on in the service.")
+    ] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class MoveOptions(OrderOptions):
+    """Options of an order that may take the place of another."""
+
+    supersede: Annotated[
+        bool, typer.Option("--supersede", help="End the job that holds the telescope, and take its place.")
+    ] = False
 
 
 @dataclass(slots=True)
@@ -149,22 +180,15 @@ def _problem_words(problem: dict[str, Any]) -> str:
 # -- stop: it needs nothing but an address ---------------------------------------------------------------
 
 
-def stop(
-    telescope: Annotated[
-        str | None, typer.Argument(help="Which one; all of them if left out.", show_default=False)
-    ] = None,
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+@takes_options(OneOrAll)
+def stop(options: OneOrAll) -> None:
     """Stop all motion now: of one telescope, or of all.
 
     Never refused as busy or leased. It asks for nothing before it is sent, and is sent again if its answer
     is lost. Exit code 1 unless every mount is known to have been told.
     """
-    from mountnav.client import Client
-
-    with _telling("stop", service, as_json) as said, Client(service, token=token) as client:
+    telescope = options.telescope
+    with _asking("stop", options) as (said, client):
         said.telescope = telescope
         told: dict[str, Any]
         if telescope is not None:
@@ -200,21 +224,14 @@ def _stopped(part: dict[str, Any]) -> str:
 # -- what is known ---------------------------------------------------------------------------------------
 
 
-def status(
-    telescope: Annotated[
-        str | None, typer.Argument(help="Which one; all of them if left out.", show_default=False)
-    ] = None,
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+@takes_options(OneOrAll)
+def status(options: OneOrAll) -> None:
     """Tell where telescopes point, what they do, and what comes next. Asks no device.
 
     Exit code 1 if one of them is not connected.
     """
-    from mountnav.client import Client
-
-    with _telling("status", service, as_json) as said, Client(service, token=token) as client:
+    telescope = options.telescope
+    with _asking("status", options) as (said, client):
         said.telescope = telescope
         states = client.telescopes() if telescope is None else [client.telescope(telescope)]
         said.answer = states if telescope is None else states[0]
@@ -239,7 +256,9 @@ def _state_words(state: TelescopeState) -> list[str]:
     lines += [f"  {line}" for line in _moving_words(dict(state))]
     limit = state["next_limit"]
     if limit is not None:
-        lines.append(f"  {limit['limit']} limit in {_span(limit['after_s'])}, at {_clock(limit['utc'])}")
+        lines.append(
+            f"  {limit['limit']} limit in {duration_text(limit['after_s'])}, at {_clock(limit['utc'])}"
+        )
     lines += [f"  problem: {state['problem']}"] if state["problem"] else []
     lines += [f"  {state['contradiction']}"] if state["contradiction"] else []
     if state["trusted"] is False:
@@ -295,150 +314,117 @@ def _clock(utc: str | None) -> str:
     return "an unknown time" if utc is None else f"{utc[11:19]} UTC"
 
 
-def _span(seconds: float | None) -> str:
-    if seconds is None:
-        return "an unknown time"
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
-
-
 # -- orders ----------------------------------------------------------------------------------------------
 
 
-def center(
-    target: TargetOptions.Text = None,
-    telescope: ChosenTelescope = None,
+@dataclass(frozen=True, kw_only=True)
+class CenterOptions(TargetOptions, MoveOptions):
+    """Options of `center`."""
+
     tolerance: Annotated[
         float | None, typer.Option(min=0.01, max=3600, help="Arcseconds; else that of the settings.")
-    ] = None,
-    altaz: TargetOptions.AltAz = None,
-    tle: TargetOptions.Tle = None,
-    elements: TargetOptions.Elements = None,
-    table: TargetOptions.Table = None,
-    rates: TargetOptions.Rates = None,
-    supersede: Supersede = False,
-    detach: Detach = False,
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+    ] = None
+
+
+@takes_options(CenterOptions)
+def center(options: CenterOptions) -> None:
     """Put a target into the middle of the frame: slew, look, correct, and again until it is there.
 
     TARGET is a name (M31, Vega, Jupiter, an imported comet), or a position: "05h34m31.9s +22d00m52s".
     """
     from mountnav.client import orders
 
-    with _ordering("center", service, token, as_json) as (said, client):
-        where = chosen_target(target, altaz=altaz, tle=tle, elements=elements, table=table, rates=rates)
-        what = orders.center(where, tolerance_arcsec=tolerance)
-        _carry_out(said, client, telescope, what, supersede=supersede, detach=detach)
+    with _asking("center", options) as (said, client):
+        where = options.chosen()
+        what = orders.center(where, tolerance_arcsec=options.tolerance)
+        _carry_out(said, client, options, what)
 
 
-def slew(
-    target: TargetOptions.Text = None,
-    telescope: ChosenTelescope = None,
-    altaz: TargetOptions.AltAz = None,
-    tle: TargetOptions.Tle = None,
-    elements: TargetOptions.Elements = None,
-    table: TargetOptions.Table = None,
-    rates: TargetOptions.Rates = None,
-    supersede: Supersede = False,
-    detach: Detach = False,
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class SlewOptions(TargetOptions, MoveOptions):
+    """Options of `slew`."""
+
+
+@takes_options(SlewOptions)
+def slew(options: SlewOptions) -> None:
     """Go to a target as the mount believes it; nothing is looked at. TARGET as of `center`."""
     from mountnav.client import orders
 
-    with _ordering("slew", service, token, as_json) as (said, client):
-        where = chosen_target(target, altaz=altaz, tle=tle, elements=elements, table=table, rates=rates)
-        _carry_out(said, client, telescope, orders.slew(where), supersede=supersede, detach=detach)
+    with _asking("slew", options) as (said, client):
+        where = options.chosen()
+        _carry_out(said, client, options, orders.slew(where))
 
 
-def look(
-    telescope: ChosenTelescope = None,
-    exposure: Exposure = None,
-    detach: Detach = False,
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class LookOptions(OrderOptions):
+    """Options of `look`."""
+
+    exposure: Exposure = None
+
+
+@takes_options(LookOptions)
+def look(options: LookOptions) -> None:
     """Expose and solve: where it truly points. Moves and syncs nothing."""
     from mountnav.client import orders
 
-    with _ordering("look", service, token, as_json) as (said, client):
-        _carry_out(said, client, telescope, orders.look(exposure_s=exposure), detach=detach)
+    with _asking("look", options) as (said, client):
+        _carry_out(said, client, options, orders.look(exposure_s=options.exposure))
 
 
-def sync(
-    telescope: ChosenTelescope = None,
-    detach: Detach = False,
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+@takes_options(OrderOptions)
+def sync(options: OrderOptions) -> None:
     """Look, and tell the mount where it truly points."""
     from mountnav.client import orders
 
-    with _ordering("sync", service, token, as_json) as (said, client):
-        _carry_out(said, client, telescope, orders.sync(), detach=detach)
+    with _asking("sync", options) as (said, client):
+        _carry_out(said, client, options, orders.sync())
 
 
-def park(
-    telescope: ChosenTelescope = None,
-    supersede: Supersede = False,
-    detach: Detach = False,
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+@takes_options(MoveOptions)
+def park(options: MoveOptions) -> None:
     """Go to the park position and stay."""
     from mountnav.client import orders
 
-    with _ordering("park", service, token, as_json) as (said, client):
-        _carry_out(said, client, telescope, orders.park(), supersede=supersede, detach=detach)
+    with _asking("park", options) as (said, client):
+        _carry_out(said, client, options, orders.park())
 
 
-def unpark(
-    telescope: ChosenTelescope = None,
-    detach: Detach = False,
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+@takes_options(OrderOptions)
+def unpark(options: OrderOptions) -> None:
     """Be ready to move again."""
     from mountnav.client import orders
 
-    with _ordering("unpark", service, token, as_json) as (said, client):
-        _carry_out(said, client, telescope, orders.unpark(), detach=detach)
+    with _asking("unpark", options) as (said, client):
+        _carry_out(said, client, options, orders.unpark())
 
 
-def track(
+@dataclass(frozen=True, kw_only=True)
+class TrackOptions(BriefOptions):
+    """Options of `track`."""
+
     how: Annotated[
         str, typer.Argument(help="off, sidereal (or on), lunar, solar, king, or rates with --ra and --dec.")
-    ],
-    telescope: ChosenTelescope = None,
+    ]
     ra: Annotated[
         float | None,
         typer.Option("--ra", help="Of rates: change of RA, arcsec per second, not times cos(dec); east +."),
-    ] = None,
+    ] = None
     dec: Annotated[
         float | None, typer.Option("--dec", help="Of rates: change of Dec, arcsec per second; north +.")
-    ] = None,
+    ] = None
     for_s: Annotated[
         float | None, typer.Option("--for", min=0.1, max=14400, help="Of rates: their end, seconds from now.")
-    ] = None,
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+    ] = None
+
+
+@takes_options(TrackOptions)
+def track(options: TrackOptions) -> None:
     """Follow the sky at a rate, or rest. Rates beside the sidereal one end by themselves."""
     from mountnav.client import orders
 
-    with _ordering("track", service, token, as_json) as (said, client):
+    with _asking("track", options) as (said, client):
         what: orders.Order
+        how, ra, dec, for_s = options.how, options.ra, options.dec, options.for_s
         if how == "rates":
             if ra is None or dec is None:
                 raise BadRequest("rates need both --ra and --dec", advice="0 for the one that is none")
@@ -455,45 +441,40 @@ def track(
             raise BadRequest(
                 f"no way to track is called {how!r}", advice="off, sidereal, lunar, solar, king, or rates"
             )
-        _carry_out(said, client, telescope, what)
+        _carry_out(said, client, options, what)
 
 
-def follow(
-    target: TargetOptions.Text = None,
-    telescope: ChosenTelescope = None,
-    for_s: Annotated[float | None, typer.Option("--for", min=1, help="Its end, seconds from now.")] = None,
-    until: Annotated[str | None, typer.Option(help="Its end: 2026-11-26T03:40 (UTC).")] = None,
-    tolerance: Annotated[float | None, typer.Option(min=0.01, max=3600, help="Arcseconds.")] = None,
-    exposure: Exposure = None,
-    every: Annotated[
-        float | None, typer.Option(min=1, max=3600, help="Seconds between two looks at it.")
-    ] = None,
-    tle: TargetOptions.Tle = None,
-    elements: TargetOptions.Elements = None,
-    table: TargetOptions.Table = None,
-    rates: TargetOptions.Rates = None,
-    supersede: Supersede = False,
-    detach: Detach = False,
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class FollowOptions(MovingTargetOptions, MoveOptions):
+    """Options of `follow`."""
+
+    for_s: Annotated[float | None, typer.Option("--for", min=1, help="Its end, seconds from now.")] = None
+    until: Annotated[str | None, typer.Option(help="Its end: 2026-11-26T03:40 (UTC).")] = None
+    tolerance: Annotated[float | None, typer.Option(min=0.01, max=3600, help="Arcseconds.")] = None
+    exposure: Exposure = None
+    every: Annotated[float | None, typer.Option(min=1, max=3600, help="Seconds between two looks at it.")] = (
+        None
+    )
+
+
+@takes_options(FollowOptions)
+def follow(options: FollowOptions) -> None:
     """Center a target that moves and track it by its rates, up to an end, with looks that confirm them."""
     from mountnav.client import orders
 
-    with _ordering("follow", service, token, as_json) as (said, client):
-        where = chosen_target(target, tle=tle, elements=elements, table=table, rates=rates)
-        if (for_s is None) == (until is None):
+    with _asking("follow", options) as (said, client):
+        where = options.chosen()
+        if (options.for_s is None) == (options.until is None):
             raise BadRequest("a follow needs an end", advice="give one of --for and --until")
         what = orders.follow(
             where,
-            duration_s=for_s,
-            until_utc=None if until is None else _until(until),
-            tolerance_arcsec=tolerance,
-            exposure_s=exposure,
-            look_every_s=every,
+            duration_s=options.for_s,
+            until_utc=None if options.until is None else _until(options.until),
+            tolerance_arcsec=options.tolerance,
+            exposure_s=options.exposure,
+            look_every_s=options.every,
         )
-        _carry_out(said, client, telescope, what, supersede=supersede, detach=detach)
+        _carry_out(said, client, options, what)
 
 
 def _until(text: str) -> datetime:
@@ -506,28 +487,24 @@ def _until(text: str) -> datetime:
 
 
 @contextmanager
-def _ordering(command: str, service: str, token: str | None, as_json: bool) -> Iterator[tuple[_Said, Client]]:
-    """A command that gives an order."""
+def _asking(command: str, options: ServiceOptions) -> Iterator[tuple[_Said, Client]]:
+    """A command to a service, and the client that asks it."""
     from mountnav.client import Client
 
-    with _telling(command, service, as_json) as said, Client(service, token=token) as client:
+    with (
+        _telling(command, options.service, options.as_json) as said,
+        Client(options.service, token=options.token) as client,
+    ):
         yield said, client
 
 
-def _carry_out(
-    said: _Said,
-    client: Client,
-    telescope: str | None,
-    what: dict[str, Any],
-    *,
-    supersede: bool = False,
-    detach: bool = False,
-) -> None:
+def _carry_out(said: _Said, client: Client, options: BriefOptions, what: dict[str, Any]) -> None:
     """Give an order, tell its way, and wait for its end."""
-    said.telescope = telescope = telescope or _only_one(client)
+    said.telescope = telescope = options.telescope or _only_one(client)
+    supersede = isinstance(options, MoveOptions) and options.supersede
     job = client.order(telescope, what, supersede=supersede)
     said.answer = job
-    if detach:
+    if isinstance(options, OrderOptions) and options.detach:
         said.words.append(f"{telescope}: {job['kind']} has begun: job {job['id']}")
         return
     try:
@@ -636,21 +613,21 @@ def _result_words(job: Job) -> str:
 # -- what happens ----------------------------------------------------------------------------------------
 
 
-def watch(
-    telescope: Annotated[
-        str | None, typer.Argument(help="Which one; all of them if left out.", show_default=False)
-    ] = None,
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Annotated[bool, typer.Option("--json", help="JSON lines, one an event.")] = False,
-) -> None:
-    """Tell what happens, from now on until interrupted."""
-    from mountnav.client import Client
+@dataclass(frozen=True, kw_only=True)
+class WatchOptions(OneOrAll):
+    """Options of `watch`."""
 
-    with _telling("watch", service, as_json) as said, Client(service, token=token) as client:
+    as_json: Annotated[bool, typer.Option("--json", help="JSON lines, one an event.")] = False
+
+
+@takes_options(WatchOptions)
+def watch(options: WatchOptions) -> None:
+    """Tell what happens, from now on until interrupted."""
+    telescope = options.telescope
+    with _asking("watch", options) as (said, client):
         said.telescope = telescope
         for event in client.events(telescope=telescope):
-            if as_json:
+            if options.as_json:
                 print_json({"id": event.event_id, "kind": event.kind, "data": event.data}, ascii_only=False)
             else:
                 line = event_words(event.kind, event.data)

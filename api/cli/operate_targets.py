@@ -6,6 +6,7 @@ A text is a position if it can be read as one, and a name else: the service know
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -26,87 +27,99 @@ RATES_HOURS = 12.0
 """How long a target by rates is one, hours: a night. Doubled, a straight line is taken for a way of a day."""
 
 
-class TargetOptions:
-    """The options that name a target."""
+@dataclass(frozen=True, kw_only=True)
+class MovingTargetOptions:
+    """The options that name a target that moves."""
 
-    Text = Annotated[
+    target: Annotated[
         str | None,
         typer.Argument(
             metavar="[TARGET]", help="A name, or a position with both coordinates.", show_default=False
         ),
-    ]
-    AltAz = Annotated[
-        str | None,
-        typer.Option("--altaz", metavar="ALT,AZ", help="A direction: altitude and azimuth, degrees."),
-    ]
-    Tle = Annotated[
+    ] = None
+    tle: Annotated[
         Path | None, typer.Option("--tle", help="A satellite: a file of its two lines, or three.")
-    ]
-    Elements = Annotated[
+    ] = None
+    elements: Annotated[
         Path | None, typer.Option("--elements", help="A comet or minor planet: a file of its elements.")
-    ]
-    Table = Annotated[
+    ] = None
+    table: Annotated[
         Path | None, typer.Option("--table", help="A table of places by time: Horizons, MPES, or CSV.")
-    ]
-    Rates = Annotated[
+    ] = None
+    rates: Annotated[
         str | None,
         typer.Option(
             "--rates",
             metavar="RA,DEC",
             help="With a position: how it moves from now on, arcsec per second; RA not times cos(dec).",
         ),
-    ]
+    ] = None
+
+    def chosen(self) -> Target:
+        """The one target that was typed.
+
+        Raises
+        ------
+        BadRequest
+            None, more than one, or one that can't be read.
+        """
+        given = self._given()
+        if len(given) > 1 or (given and self.rates is not None):
+            also = ["--rates"] if self.rates else []
+            raise BadRequest(f"more than one target: {', '.join(given + also)}", advice="name one")
+        return self._read()
+
+    def _given(self) -> list[str]:
+        """The options that name a target by themselves, as far as they were given."""
+        named = {"--tle": self.tle, "--elements": self.elements, "--table": self.table}
+        return [name for name, path in named.items() if path is not None]
+
+    def _read(self) -> Target:
+        from mountnav.client import targets
+
+        text, rates = self.target, self.rates
+        if self.tle is not None:
+            return targets.satellite(_cut(_text_of(self.tle), text, lines_after=2))
+        if self.elements is not None:
+            return targets.elements(_cut(_text_of(self.elements), text))
+        if self.table is not None:
+            _no_text(text, "--table")
+            return targets.table(_text_of(self.table))
+        if text is None or not text.strip():
+            raise BadRequest(
+                "no target was named", advice="a name, a position, --altaz, --tle, --elements or --table"
+            )
+        if rates is not None:
+            ra_arcsec_s, dec_arcsec_s = _two_numbers("--rates", rates)
+            place = _position(text)
+            if place is None:
+                raise BadRequest("--rates need a position, not a name", advice='"05h34m31.9s +22d00m52s"')
+            now = datetime.now(UTC)
+            ends = now + timedelta(hours=RATES_HOURS)
+            return targets.rates(*place, ra_arcsec_s, dec_arcsec_s, begins_utc=now, ends_utc=ends)
+        return targets.typed(text) if _position(text) is not None else targets.named(text.strip())
 
 
-def chosen_target(
-    text: str | None,
-    *,
-    altaz: str | None = None,
-    tle: Path | None = None,
-    elements: Path | None = None,
-    table: Path | None = None,
-    rates: str | None = None,
-) -> Target:
-    """The one target that was typed.
+@dataclass(frozen=True, kw_only=True)
+class TargetOptions(MovingTargetOptions):
+    """The options that name a target."""
 
-    Raises
-    ------
-    BadRequest
-        None, more than one, or one that can't be read.
-    """
-    from mountnav.client import targets
+    altaz: Annotated[
+        str | None,
+        typer.Option("--altaz", metavar="ALT,AZ", help="A direction: altitude and azimuth, degrees."),
+    ] = None
 
-    files = {"--tle": tle, "--elements": elements, "--table": table}
-    given = [name for name, path in files.items() if path is not None]
-    given += ["--altaz"] if altaz is not None else []
-    if len(given) > 1 or (given and rates is not None):
-        raise BadRequest(
-            f"more than one target: {', '.join(given + (['--rates'] if rates else []))}", advice="name one"
-        )
-    if altaz is not None:
-        _no_text(text, "--altaz")
-        alt_deg, az_deg = _two_numbers("--altaz", altaz)
+    def _given(self) -> list[str]:
+        return super()._given() + (["--altaz"] if self.altaz is not None else [])
+
+    def _read(self) -> Target:
+        if self.altaz is None:
+            return super()._read()
+        from mountnav.client import targets
+
+        _no_text(self.target, "--altaz")
+        alt_deg, az_deg = _two_numbers("--altaz", self.altaz)
         return targets.altaz(alt_deg, az_deg)
-    if tle is not None:
-        return targets.satellite(_cut(_text_of(tle), text, lines_after=2))
-    if elements is not None:
-        return targets.elements(_cut(_text_of(elements), text))
-    if table is not None:
-        _no_text(text, "--table")
-        return targets.table(_text_of(table))
-    if text is None or not text.strip():
-        raise BadRequest(
-            "no target was named", advice="a name, a position, --altaz, --tle, --elements or --table"
-        )
-    if rates is not None:
-        ra_arcsec_s, dec_arcsec_s = _two_numbers("--rates", rates)
-        place = _position(text)
-        if place is None:
-            raise BadRequest("--rates need a position, not a name", advice='"05h34m31.9s +22d00m52s"')
-        now = datetime.now(UTC)
-        ends = now + timedelta(hours=RATES_HOURS)
-        return targets.rates(*place, ra_arcsec_s, dec_arcsec_s, begins_utc=now, ends_utc=ends)
-    return targets.typed(text) if _position(text) is not None else targets.named(text.strip())
 
 
 def _no_text(text: str | None, option: str) -> None:

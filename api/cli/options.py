@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar, get_type_hints
 
@@ -67,39 +67,72 @@ ChosenTelescope = Annotated[
     typer.Option("--telescope", "-t", help="Which one; needed only where there are several."),
 ]
 
-# the looks of a mount, for the commands that judge it
-LooksSource = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="[SOURCE]",
-        help="Observations (.jsonl), or a journal's file or URL; the service's journal if not given.",
-        show_default=False,
-    ),
-]
-LooksConfig = Annotated[
-    Path | None, config_option("Settings file: site, journal and the telescope are taken from it.")
-]
-LooksTelescope = Annotated[str | None, typer.Option("--telescope", "-t", help="Which one of the journal.")]
-LooksSince = Annotated[str | None, typer.Option(help="From then on: 2026-11-21T20:00 (UTC), or 12h ago.")]
-LooksUntil = Annotated[str | None, typer.Option(help="Up to then.")]
-SiteLatitude = Annotated[float | None, typer.Option(help="Of the site, degrees, instead of the settings'.")]
-SiteLongitude = Annotated[float | None, typer.Option(help="Of the site, degrees, EAST positive.")]
-KnownModel = Annotated[Path | None, typer.Option(help="A pointing model's file: what is known of the mount.")]
+
+@dataclass(frozen=True, kw_only=True)
+class ServiceOptions:
+    """Options of a command to a running service."""
+
+    service: Service = LOCAL_SERVICE
+    token: Token = None
+    as_json: Json = False
 
 
-def takes_options(options: type[Options]) -> Callable[[Callable[[Options], int]], Callable[..., None]]:
-    """Make a command of a function that takes a dataclass and returns an exit code.
+_WHERE = ("source", "config", "telescope", "since", "until", "latitude", "longitude")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LooksOptions:
+    """Options of a command that judges a mount by its looks."""
+
+    source: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[SOURCE]",
+            help="Observations (.jsonl), or a journal's file or URL; the service's journal if not given.",
+            show_default=False,
+        ),
+    ] = None
+    config: Annotated[
+        Path | None, config_option("Settings file: site, journal and the telescope are taken from it.")
+    ] = None
+    telescope: Annotated[str | None, typer.Option("--telescope", "-t", help="Which one of the journal.")] = (
+        None
+    )
+    since: Annotated[str | None, typer.Option(help="From then on: 2026-11-21T20:00 (UTC), or 12h ago.")] = (
+        None
+    )
+    until: Annotated[str | None, typer.Option(help="Up to then.")] = None
+    latitude: Annotated[
+        float | None, typer.Option(help="Of the site, degrees, instead of the settings'.")
+    ] = None
+    longitude: Annotated[float | None, typer.Option(help="Of the site, degrees, EAST positive.")] = None
+    model: Annotated[
+        Path | None, typer.Option(help="A pointing model's file: what is known of the mount.")
+    ] = None
+    as_json: Json = False
+
+    def where(self) -> dict[str, Any]:
+        """Which looks are meant: the arguments of `api.pointing.looks.read_looks`."""
+        given = asdict(self)
+        return {name: given[name] for name in _WHERE}
+
+
+def takes_options(options: type[Options]) -> Callable[[Callable[[Options], int | None]], Callable[..., None]]:
+    """Make a command of a function that takes a dataclass and returns an exit code, or None for 0.
 
     The fields of the dataclass are the options of the command: ``speed: Annotated[float,
     typer.Option(...)]``. So a command of many options declares each once, and hands them on as one value.
+    What several commands share is a base class, whose options come after the command's own.
     """
 
-    def command_of(work: Callable[[Options], int]) -> Callable[..., None]:
+    def command_of(work: Callable[[Options], int | None]) -> Callable[..., None]:
         @functools.wraps(work)
         def command(**values: Any) -> None:
-            raise typer.Exit(work(options(**values)))
+            raise typer.Exit(work(options(**values)) or 0)
 
         hints = get_type_hints(options, include_extras=True)
+        own_first = {name: None for one in options.__mro__ for name in vars(one).get("__annotations__", ())}
+        known = {field.name: field for field in fields(options)}  # type: ignore[arg-type]
         parameters = [
             inspect.Parameter(
                 field.name,
@@ -107,7 +140,7 @@ def takes_options(options: type[Options]) -> Callable[[Callable[[Options], int]]
                 default=inspect.Parameter.empty if field.default is MISSING else field.default,
                 annotation=hints[field.name],
             )
-            for field in fields(options)  # type: ignore[arg-type]
+            for field in (known[name] for name in own_first if name in known)
         ]
         # typer reads the options from these two
         command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]

@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from api.cli.options import (
-    Json,
-    KnownModel,
-    LooksConfig,
-    LooksSince,
-    LooksSource,
-    LooksTelescope,
-    LooksUntil,
-    SiteLatitude,
-    SiteLongitude,
-)
+from api.cli.options import LooksOptions, takes_options
 from api.cli.output import print_json
 from mountnav.errors import BadRequest
 
@@ -28,66 +19,52 @@ if TYPE_CHECKING:
 MOUNTINGS: tuple[Mounting, ...] = ("german", "fork", "altaz")
 
 
-def pointing_doctor(
-    source: LooksSource = None,
-    config: LooksConfig = None,
-    telescope: LooksTelescope = None,
-    since: LooksSince = None,
-    until: LooksUntil = None,
-    latitude: SiteLatitude = None,
-    longitude: SiteLongitude = None,
+@dataclass(frozen=True, kw_only=True)
+class DoctorOptions(LooksOptions):
+    """Options of `pointing-doctor`."""
+
     epoch: Annotated[
         str | None, typer.Option(help="What the mount is believed to speak: apparent (JNow) or icrs (J2000).")
-    ] = None,
-    mounting: Annotated[str | None, typer.Option(help="german, fork or altaz.")] = None,
-    parity: Annotated[
-        int | None, typer.Option(help="Of its images: 1 as the sky is seen, -1 mirrored.")
-    ] = None,
-    rotator: Annotated[bool, typer.Option("--rotator", help="The camera turns by itself.")] = False,
-    model: KnownModel = None,
+    ] = None
+    mounting: Annotated[str | None, typer.Option(help="german, fork or altaz.")] = None
+    parity: Annotated[int | None, typer.Option(help="Of its images: 1 as the sky is seen, -1 mirrored.")] = (
+        None
+    )
+    rotator: Annotated[bool, typer.Option("--rotator", help="The camera turns by itself.")] = False
     unsynced: Annotated[
         bool, typer.Option("--unsynced", help="Nothing was synced in these looks (a journal knows that).")
-    ] = False,
+    ] = False
     points_within: Annotated[
         float | None, typer.Option(help="The mount is known to point within so many arcseconds.")
-    ] = None,
-    as_json: Json = False,
-) -> None:
+    ] = None
+
+
+@takes_options(DoctorOptions)
+def pointing_doctor(options: DoctorOptions) -> int:
     """Tell what a night's looks say about the mount. Exit code 1 if something is wrong."""
     from api.pointing.judgements import diagnosed
     from api.pointing.looks import read_looks, read_model
 
-    known = next((name for name in MOUNTINGS if name == mounting), None)
-    if mounting is not None and known is None:
-        raise BadRequest(f"--mounting {mounting}", advice=f"one of {', '.join(MOUNTINGS)}")
-    found = read_looks(
-        source,
-        config=config,
-        telescope=telescope,
-        since=since,
-        until=until,
-        latitude=latitude,
-        longitude=longitude,
-        epoch=epoch,
-        mounting=known,
-        unsynced=unsynced,
-    )
+    known = next((name for name in MOUNTINGS if name == options.mounting), None)
+    if options.mounting is not None and known is None:
+        raise BadRequest(f"--mounting {options.mounting}", advice=f"one of {', '.join(MOUNTINGS)}")
+    found = read_looks(**options.where(), epoch=options.epoch, mounting=known, unsynced=options.unsynced)
     diagnosis = diagnosed(
         found.observations,
         site=found.site,
         epoch=found.epoch,
         mounting=found.mounting,
-        parity=parity,
-        rotator=rotator,
-        model=read_model(model),
-        points_within_arcsec=points_within,
+        parity=options.parity,
+        rotator=options.rotator,
+        model=read_model(options.model),
+        points_within_arcsec=options.points_within,
         synced_on=found.synced_on,
     )
-    if as_json:
+    if options.as_json:
         print_json(diagnosis.as_dict())
     else:
         sys.stdout.write(_text(diagnosis))
-    raise typer.Exit(1 if diagnosis.healthy is False else 0)
+    return 1 if diagnosis.healthy is False else 0
 
 
 def _text(diagnosis: Diagnosis) -> str:

@@ -20,7 +20,8 @@ from mountnav.sky.chain import observed_to_icrs
 from mountnav.sky.coordinates import Air, Icrs, Observed, Site
 from mountnav.sky.iers import utc_mjd
 from mountnav.sky.kernel import barycentric_state_km
-from mountnav.sky.observer import AU_KM, earth_barycentric_km, instant, itrs_to_gcrs, site_geocentric_km
+from mountnav.sky.observer import earth_barycentric_km, instant, itrs_to_gcrs, site_geocentric_km
+from mountnav.units import AU_KM, MJD_ZERO_JD, SECONDS_PER_DAY
 
 __all__ = ["COMET", "SATELLITE", "Orbit", "comet_elements", "orbit_of", "satellite_lines"]
 
@@ -36,8 +37,6 @@ _SATELLITE_KM = 1400.0
 slow for it."""
 _EARTH_KM3_S2 = 398600.8
 """Mass parameter of the Earth that SGP4 counts with (WGS72), km³/s²."""
-_DAY_S = 86_400.0
-_MJD_ZERO_JD = 2400000.5
 _SUN = 10
 """NAIF's number of the Sun."""
 
@@ -96,14 +95,16 @@ def comet_elements(
     now = instant(utc)
     sun = barycentric_state_km(_SUN, now.jd1, now.tdb2)
     assert sun is not None, "the shipped ephemeris covers the demo's time"
-    sun_km, sun_km_s = sun[0], sun[1] / _DAY_S
+    sun_km, sun_km_s = sun[0], sun[1] / SECONDS_PER_DAY
     place_km = earth_km + here_km + _COMET_KM * where - sun_km
     # across the line of sight, against the Earth's own way: so the orbit stays one around the Sun
     ahead = earth_km_s - (earth_km_s @ where) * where
     velocity_km_s = earth_km_s - sun_km_s - _COMET_KM_S * ahead / np.linalg.norm(ahead)
     c, s = math.cos(OBLIQUITY_RAD), math.sin(OBLIQUITY_RAD)
     ecliptic = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
-    orbit = orbit_of(ecliptic @ place_km / AU_KM, ecliptic @ velocity_km_s * _DAY_S / AU_KM, GM_SUN_AU3_DAY2)
+    orbit = orbit_of(
+        ecliptic @ place_km / AU_KM, ecliptic @ velocity_km_s * SECONDS_PER_DAY / AU_KM, GM_SUN_AU3_DAY2
+    )
     q_au = orbit.semi_latus / (1.0 + orbit.eccentricity)
     jd = now.jd1 + now.tdb2
     told = {
@@ -154,7 +155,7 @@ def satellite_lines(
     range_km = -along + math.sqrt(along**2 + radius_km**2 - float(here @ here))
     fixed = here + range_km * line
     day, fraction = utc_mjd(top_utc)
-    turn = erfa.gmst82(_MJD_ZERO_JD + day, fraction)
+    turn = erfa.gmst82(MJD_ZERO_JD + day, fraction)
     c, s = math.cos(turn), math.sin(turn)
     to_sky = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     place = to_sky @ fixed
@@ -166,7 +167,7 @@ def satellite_lines(
     speed_km_s = math.sqrt(_EARTH_KM3_S2 / radius_km)
     orbit = orbit_of(place, speed_km_s * heading / np.linalg.norm(heading), _EARTH_KM3_S2)
     argument_deg = math.degrees((orbit.anomaly + orbit.peri) % math.tau)
-    turns_a_day = _DAY_S / (math.tau * math.sqrt(radius_km**3 / _EARTH_KM3_S2))
+    turns_a_day = SECONDS_PER_DAY / (math.tau * math.sqrt(radius_km**3 / _EARTH_KM3_S2))
     year_day = top_utc.timetuple().tm_yday + fraction
     first = f"1 99999U 26001A   {top_utc:%y}{year_day:012.8f}  .00000000  00000-0  00000-0 0  999"
     second = (

@@ -11,7 +11,7 @@ from mountnav.catalog.stars import Catalog
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
-from mountnav.solving.solve import epoch_of
+from mountnav.units import julian_year
 
 ALTITUDES_DEG = (30.0, 75.0)
 """Between which targets are chosen. chosen: lower ones stand in thick air and near horizons, and near the
@@ -127,7 +127,7 @@ def _placed(utc: datetime, site: Site, air: Air, catalog: Catalog) -> list[Targe
     stars = []
     for name, (ra_deg, dec_deg) in NAMED_STARS.items():
         near = catalog.cone(
-            Icrs(ra_deg, dec_deg), SEARCH_RADIUS_DEG, epoch_yr=epoch_of(utc), mag_limit=FAINTEST_MAG
+            Icrs(ra_deg, dec_deg), SEARCH_RADIUS_DEG, epoch_yr=julian_year(utc), mag_limit=FAINTEST_MAG
         )
         if len(near) == 0:
             continue

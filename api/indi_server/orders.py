@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from api.access.callers import Caller
-from api.indi_server.properties import COORDINATES, MOTIONS, PULSES, SIDEREAL_ARCSEC_S, SPEEDS
+from api.indi_server.properties import COORDINATES, MOTIONS, PULSES, SPEEDS
 from api.indi_server.vectors import Vector
 from api.orders.goto_orders import GotoOrders
 from api.orders.job import Job
@@ -23,7 +23,7 @@ from drivers.indi.codec.messages import Ordered, State
 from mountnav.clock import utc_now
 from mountnav.devices import STARS_RATES, OffsetRates
 from mountnav.mount import CheckedMount
-from mountnav.sky.coordinates import Apparent, Site
+from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S, Apparent, Site
 
 __all__ = ["Answer", "IndiOrders", "chosen_switch", "number_of", "site_answer", "time_answer"]
 

@@ -17,14 +17,13 @@ from api.orders.watching import Snapshot, apparent_place
 from drivers.indi.codec.messages import State
 from mountnav import __version__
 from mountnav.devices import STARS_RATES, MountAxis, OffsetRates, PierSide, Skill
-from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Site
+from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S, Apparent, Site
 
 __all__ = [
     "COORDINATES",
     "MAIN",
     "MOTIONS",
     "PULSES",
-    "SIDEREAL_ARCSEC_S",
     "SPEEDS",
     "Facts",
     "Optics",
@@ -111,9 +110,6 @@ PULSES = {
     "TELESCOPE_TIMED_GUIDE_WE": {"TIMED_GUIDE_W": "w", "TIMED_GUIDE_E": "e"},
 }
 """Properties of guide pulses: in which direction each element moves the tube."""
-SIDEREAL_ARCSEC_S = 3600.0 * SIDEREAL_DEG_S
-"""TRACK_RATE_RA of a star, ″ of hour angle per second of the clock [INDI TRACKRATE_SIDEREAL]: what a target
-moves in right ascension is taken off it. Doubled, a star's rate reads as a rate of 15 ″/s."""
 _MOST_RATE_ARCSEC_S = 3600.0
 """Largest custom rate that clients are offered where the mount doesn't tell, ″/s: 1 °/s. Doubled, a mistyped
 one is refused by the mount alone."""

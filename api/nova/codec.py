@@ -17,6 +17,7 @@ from mountnav.frames import Hint
 from mountnav.reading.star_lists import MOST_SIDE_PX, ListFormat
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.wcs_numbers import Value, wcs_numbers
+from mountnav.units import ARCSEC_PER_RAD
 
 __all__ = [
     "Asked",
@@ -45,8 +46,6 @@ _UNKNOWN_RADIUS_DEG = 5.0
 then, which is no hint at all; what isn't found there is searched for over the whole sky."""
 _FULL_FRAME_MM = 36.0
 """Width of the film that `focalmm` is told for [astrometry.net, solve-field's help]: 35 mm film."""
-_ARCSEC_RAD = 180.0 * 3600.0 / math.pi
-"""Arcseconds of a radian."""
 _ARCSEC_DEG, _ARCSEC_ARCMIN = 3600.0, 60.0
 """Arcseconds of a degree and of an arcminute."""
 _LINEAR_ORDER = 1
@@ -256,7 +255,7 @@ def _film_arcsec(focal_mm: float) -> float:
     """Width of 36 mm film behind a lens, arcsec."""
     if focal_mm <= 0.0:
         return math.inf
-    return 2.0 * math.atan(0.5 * _FULL_FRAME_MM / focal_mm) * _ARCSEC_RAD
+    return 2.0 * math.atan(0.5 * _FULL_FRAME_MM / focal_mm) * ARCSEC_PER_RAD
 
 
 def stars_text(x: object, y: object) -> bytes:

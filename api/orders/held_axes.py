@@ -22,7 +22,7 @@ from mountnav.devices import MountAxis
 from mountnav.errors import MountnavError
 from mountnav.mount import CheckedMount
 from mountnav.navigation.navigator import Navigator
-from mountnav.tasks import waited_for
+from mountnav.tasks import first_of, waited_for
 
 __all__ = ["HeldAxes", "HeldWork"]
 
@@ -122,15 +122,7 @@ class HeldAxes:
         """Wait until the mount has taken what was ordered last of an axis, or the job has ended."""
         hold = self._hold
         wanted = None if hold is None or hold.job is not job else hold.axes.get(axis)
-        waiting = [waited_for(job.ended.wait())]
-        if wanted is not None:
-            waiting.append(waited_for(wanted.taken.wait()))
-        try:
-            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for task in waiting:
-                task.cancel()
-            await asyncio.gather(*waiting, return_exceptions=True)
+        await first_of(job.ended.wait(), *([] if wanted is None else [wanted.taken.wait()]))
 
     def rates(self) -> dict[MountAxis, tuple[float, float]]:
         """Which axes are held just now: how fast, °/s, and for how many seconds more."""

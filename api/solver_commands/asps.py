@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 
 from api.solver_commands.host import Asked, Host, Solver
@@ -18,14 +17,11 @@ from api.solver_commands.plate_result import (
     solved_cards,
 )
 from mountnav.errors import MountnavError
+from mountnav.units import pixel_scale_arcsec
 
 SOLVED, UNSOLVED = 0, 1
 """Exit codes; the original's aren't documented, readers look at the result file."""
 _USAGE = "usage: /solvefile FILE OUT focal_mm pixel_um ra_deg dec_deg radius_deg\n"
-_ARCSEC_PER_RAD = math.degrees(1.0) * 3600.0
-"""Arcseconds of a radian."""
-_MM_PER_UM = 1e-3
-"""Millimeters of a micrometer."""
 
 
 def run(arguments: list[str], host: Host, solver: Solver) -> int:
@@ -66,7 +62,7 @@ def run(arguments: list[str], host: Host, solver: Solver) -> int:
     if plate.solution is None:
         return _refused(plate.why, out, host)
     numbers = numbers_of(solved_cards(plate.solution, facts, sip=False))
-    found_mm = _ARCSEC_PER_RAD * pixel_um * _MM_PER_UM / numbers.pixscale_arcsec if pixel_um > 0 else focal_mm
+    found_mm = pixel_scale_arcsec(pixel_um, numbers.pixscale_arcsec) if pixel_um > 0 else focal_mm
     lines = [
         "OK",
         f"{numbers.ra_deg:.9f}",
@@ -83,7 +79,7 @@ def run(arguments: list[str], host: Host, solver: Solver) -> int:
 def _field(focal_mm: float, pixel_um: float, facts: ImageFacts) -> Field | None:
     if not (focal_mm > 0.0 and pixel_um > 0.0):
         return None
-    scale_arcsec_px = _ARCSEC_PER_RAD * pixel_um * _MM_PER_UM / focal_mm
+    scale_arcsec_px = pixel_scale_arcsec(pixel_um, focal_mm)
     return Field(scale_arcsec_px * facts.height_px / 3600.0, facts.height_px, "focal length and pixel size")
 
 

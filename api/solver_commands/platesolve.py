@@ -28,6 +28,7 @@ from api.solver_commands.plate_result import (
 from mountnav.errors import MountnavError
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.wcs_numbers import Value, WcsNumbers
+from mountnav.units import ARCSEC_PER_RAD
 
 SOLVED, UNSOLVED = 0, 1
 """Exit codes; the originals' aren't documented, readers look at the result file."""
@@ -36,8 +37,6 @@ VALID = "Valid plate solution"
 _LEAST_RADIUS_FIELDS = 1.5
 """Radius about the hint that is searched at least, in fields; PlateSolve2 searches the neighbors of the field
 first. Doubled, hopeless frames take longer."""
-_ARCSEC_PER_RAD = math.degrees(1.0) * 3600.0
-"""Arcseconds of a radian."""
 _USAGE_2 = "usage: PlateSolve2 ra_rad,dec_rad,width_rad,height_rad,regions,FILE,wait\n"
 _USAGE_3 = "usage: PlateSolve3 FILE [ra_rad dec_rad width_rad height_rad]\n"
 
@@ -218,7 +217,7 @@ def _ps3(result: _Result) -> str:
         [
             "True",
             _joined(math.radians(center.ra_deg), math.radians(center.dec_deg)),
-            _joined(_ARCSEC_PER_RAD / numbers.pixscale_arcsec, (180.0 - numbers.crota2_deg) % 360.0),
+            _joined(ARCSEC_PER_RAD / numbers.pixscale_arcsec, (180.0 - numbers.crota2_deg) % 360.0),
             "mountnav",
             _joined(*matrix, 0, 0, 0, 0),
             _joined(float(result.cards["CRPIX1"]), float(result.cards["CRPIX2"])),

@@ -15,7 +15,7 @@ from drivers.alpaca.codec.exposure import Exposure, Pixels, Told
 from drivers.alpaca.device import AlpacaDevice
 from drivers.generic.camera import Shot
 from drivers.generic.exposure import GenericCameraHabits, optics_scale_arcsec_px, with_scale
-from drivers.wire.wire_log import WireLog
+from drivers.generic.served_device import ServedDevice
 from mountnav.clock import utc_now
 from mountnav.errors import (
     BadFrame,
@@ -249,36 +249,19 @@ _LONGEST_TOLD_S = 1e6
 """Longer than any exposure; sums with longer ones leave the calendar."""
 
 
-class AlpacaCameraLanguage:
-    """A `drivers.generic.camera.CameraLanguage` over one camera of an Alpaca server.
-
-    Parameters
-    ----------
-    name : str, optional
-        For messages; the device's address by default.
-    """
+class AlpacaCameraLanguage(ServedDevice[AlpacaDevice]):
+    """A `drivers.generic.camera.CameraLanguage` over one camera of an Alpaca server."""
 
     def __init__(
         self, device: AlpacaDevice, *, name: str | None = None, habits: CameraHabits | None = None
     ) -> None:
-        self._device = device
-        self._name = name or device.address
+        super().__init__(device, name=name)
         self._habits = habits or CameraHabits()
         self._chip: Chip | None = None
         self._field: Field | None = None
         self._clocks_agree = False
         self._aborting: set[asyncio.Task[None]] = set()
         self.done: tuple[str, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """Name and address."""
-        return self._name
-
-    @property
-    def log(self) -> WireLog:
-        """All that was asked and answered lately; images are abbreviated."""
-        return self._device.client.log
 
     @property
     def usable(self) -> bool:
@@ -296,20 +279,17 @@ class AlpacaCameraLanguage:
             If it is not connected and may not be ordered to, or won't be set as the configuration says.
         """
         self._chip = None
-        try:
-            await self._device.bring_up(may_connect=self._habits.may_connect)
-            chip = await read_chip(self._device)
+        async with self._or_closed() as device:
+            await device.bring_up(may_connect=self._habits.may_connect)
+            chip = await read_chip(device)
             await self._set_up(chip)
             self._chip = chip
-        except BaseException:
-            await self._device.client.close()
-            raise
 
     async def close(self) -> None:
         """Release the connection; the camera stays connected, for others."""
         for abort in [*self._aborting]:
             await abort
-        await self._device.client.close()
+        await super().close()
 
     async def set_up(self) -> None:
         """Have the whole chip read out, with the binning, gain and offset that are wanted."""

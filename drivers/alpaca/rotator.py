@@ -13,16 +13,12 @@ from drivers.alpaca.client import require_known
 from drivers.alpaca.codec import base
 from drivers.alpaca.codec.base import AlpacaRefused, Malformed
 from drivers.alpaca.device import AlpacaDevice
-from drivers.generic.rotator import Told
-from drivers.wire.wire_log import WireLog
+from drivers.generic.rotator import MOST_DEG, USUAL_STEP_DEG, Told
+from drivers.generic.served_device import ServedDevice
 from mountnav.errors import DeviceError, DeviceMissing, DeviceRefused, Refusal
 
 _MECHANICAL = 3
 """From this version on the interface knows the mechanism's own angle."""
-_MOST_DEG = 3600.0
-"""Larger angles are refused as nonsense: ten turns. Doubled, damaged numbers pass for angles more often."""
-USUAL_STEP_DEG = 0.01
-"""Of a rotator that doesn't tell its step. Doubled, turns end up to 0.03° beside their angle."""
 _COARSEST_DEG = 30.0
 """A larger step is nonsense. Doubled, a damaged number makes turns end anywhere within 90°."""
 
@@ -34,35 +30,18 @@ class RotatorHabits:
     may_connect: bool = True
 
 
-class AlpacaRotatorLanguage:
-    """A `drivers.generic.rotator.RotatorLanguage` over one rotator of an Alpaca server.
-
-    Parameters
-    ----------
-    name : str, optional
-        For messages; the device's address by default.
-    """
+class AlpacaRotatorLanguage(ServedDevice[AlpacaDevice]):
+    """A `drivers.generic.rotator.RotatorLanguage` over one rotator of an Alpaca server."""
 
     def __init__(
         self, device: AlpacaDevice, *, name: str | None = None, habits: RotatorHabits | None = None
     ) -> None:
-        self._device = device
-        self._name = name or device.address
+        super().__init__(device, name=name)
         self._habits = habits or RotatorHabits()
         self._open = False
         self._member, self._order = "mechanicalposition", "movemechanical"
         self._step_deg = USUAL_STEP_DEG
         self._reversed: bool | None = None
-
-    @property
-    def name(self) -> str:
-        """Name and address."""
-        return self._name
-
-    @property
-    def log(self) -> WireLog:
-        """All that was asked and answered lately."""
-        return self._device.client.log
 
     @property
     def usable(self) -> bool:
@@ -82,28 +61,24 @@ class AlpacaRotatorLanguage:
     async def open(self) -> None:
         """Connect, and find out by which angle it is turned."""
         self._open = False
-        device = self._device
-        try:
-            found = await device.bring_up(may_connect=self._habits.may_connect)
-            if found.version >= _MECHANICAL and await device.has("mechanicalposition"):
-                self._member, self._order = "mechanicalposition", "movemechanical"
-            else:
-                self._member, self._order = "position", "moveabsolute"
-            self._step_deg = await self._step() or USUAL_STEP_DEG
-            # one that can't tell its angle is no rotator
-            await self._angle()
-            self._open = True
-        except AlpacaRefused as refused:
-            await device.client.close()
-            raise DeviceRefused(
-                f"it doesn't tell its angle: {refused.words}",
-                device=self._name,
-                advice="is it a rotator?",
-                reason=Refusal.UNSUPPORTED,
-            ) from refused
-        except BaseException:
-            await device.client.close()
-            raise
+        async with self._or_closed() as device:
+            try:
+                found = await device.bring_up(may_connect=self._habits.may_connect)
+                if found.version >= _MECHANICAL and await device.has("mechanicalposition"):
+                    self._member, self._order = "mechanicalposition", "movemechanical"
+                else:
+                    self._member, self._order = "position", "moveabsolute"
+                self._step_deg = await self._step() or USUAL_STEP_DEG
+                # one that can't tell its angle is no rotator
+                await self._angle()
+                self._open = True
+            except AlpacaRefused as refused:
+                raise DeviceRefused(
+                    f"it doesn't tell its angle: {refused.words}",
+                    device=self._name,
+                    advice="is it a rotator?",
+                    reason=Refusal.UNSUPPORTED,
+                ) from refused
 
     async def _step(self) -> float | None:
         with suppress(AlpacaRefused, Malformed):
@@ -111,12 +86,12 @@ class AlpacaRotatorLanguage:
         return None
 
     async def _angle(self) -> float:
-        return await self._device.value(self._member, lambda value: base.number(value, -_MOST_DEG, _MOST_DEG))
+        return await self._device.value(self._member, lambda value: base.number(value, -MOST_DEG, MOST_DEG))
 
     async def close(self) -> None:
         """Release the connection; the rotator stays connected, for others."""
         self._open = False
-        await self._device.client.close()
+        await super().close()
 
     async def read(self) -> Told:
         """Ask for the angle, whether it moves, and which way round it counts."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 
 from mountnav.frames import Frame
+from mountnav.units import pixel_scale_arcsec
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,8 +127,6 @@ def lasted_otherwise(reported_s: float | None, exposure_s: float) -> bool:
     return reported_s is not None and abs(reported_s - exposure_s) > _SAME_S + _SAME * exposure_s
 
 
-_ARCSEC_PER_RADIAN = 206264.806
-"""180 * 3600 / pi."""
 _MARGIN = 0.1
 """Share by which a scale from focal length and pixel size may be wrong: reducers and flatteners change a
 focal length by some percent. Doubled, a hint is worth less to the solver; halved, a frame behind such a lens
@@ -140,7 +139,7 @@ def optics_scale_arcsec_px(
     """Scale of a binned pixel in arcseconds, or None where pixel size or focal length isn't known."""
     if not pixel_um or not focal_length_mm:
         return None
-    return _ARCSEC_PER_RADIAN * pixel_um * binning / 1000.0 / focal_length_mm
+    return pixel_scale_arcsec(pixel_um * binning, focal_length_mm)
 
 
 def with_scale(frame: Frame, scale: float | None, source: str) -> Frame:

@@ -38,8 +38,11 @@ coarse rotators rest three steps beside it."""
 MOVED_DEG = 0.02
 """Readings that differ by less show no motion, °: drivers give two decimals. Doubled, slow ones seem to
 stand."""
-_MOST_DEG = 3600.0
+MOST_DEG = 3600.0
 """A reading further from 0 is no angle: ten turns. Doubled, damaged numbers pass for angles more often."""
+USUAL_STEP_DEG = 0.01
+"""Of a rotator whose driver tells none: drivers give angles with two decimals. Doubled, turns end up to 0.03°
+beside their angle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +198,7 @@ class GenericRotator:
         await self._ready()
         asked = self._clock.utc()
         told = await self._language.read()
-        if not (math.isfinite(told.mechanical_deg) and abs(told.mechanical_deg) <= _MOST_DEG):
+        if not (math.isfinite(told.mechanical_deg) and abs(told.mechanical_deg) <= MOST_DEG):
             raise DeviceSilent(
                 f"tells an angle of {told.mechanical_deg}°", device=self.name, advice="is its driver sound?"
             )

@@ -10,13 +10,13 @@ from datetime import datetime
 
 from drivers.generic.camera import Shot
 from drivers.generic.exposure import GenericCameraHabits, optics_scale_arcsec_px, with_scale
+from drivers.generic.served_device import ServedDevice
 from drivers.indi.codec import messages
 from drivers.indi.codec.answers import refusal, slew_was_refused
 from drivers.indi.codec.exposure import BrokenBlob, Exposure, content
 from drivers.indi.codec.messages import Blob, Changed, Defined, Event, Ordered, State
 from drivers.indi.codec.state import Property
 from drivers.indi.device import IndiDevice
-from drivers.wire.wire_log import WireLog
 from mountnav.clock import utc_now
 from mountnav.errors import (
     BadFrame,
@@ -188,22 +188,13 @@ _START_S = 30.0
 exposure is over. Chosen by hand; too short reports a slow driver as silent."""
 
 
-class IndiCameraLanguage:
-    """A `drivers.generic.camera.CameraLanguage` over one device of an `indiserver`.
-
-    Parameters
-    ----------
-    device : IndiDevice
-        Of the camera, on a connection of its own.
-    name : str, optional
-        For messages; the device's address by default.
-    """
+class IndiCameraLanguage(ServedDevice[IndiDevice]):
+    """A `drivers.generic.camera.CameraLanguage` over one device of an `indiserver`."""
 
     def __init__(
         self, device: IndiDevice, *, name: str | None = None, habits: CameraHabits | None = None
     ) -> None:
-        self._device = device
-        self._name = name or device.address
+        super().__init__(device, name=name)
         self._habits = habits or CameraHabits()
         self._exposure = self._habits.of_chip("EXPOSURE")
         self._now: Exposure | None = None
@@ -213,16 +204,6 @@ class IndiCameraLanguage:
         """After so many messages our own exposure had brought its file."""
         self.done: tuple[str, ...] = ()
         device.client.listen(self._on_event)
-
-    @property
-    def name(self) -> str:
-        """Name and address."""
-        return self._name
-
-    @property
-    def log(self) -> WireLog:
-        """All that went over its connection lately; files are abbreviated."""
-        return self._device.client.log
 
     @property
     def usable(self) -> bool:
@@ -239,18 +220,10 @@ class IndiCameraLanguage:
         DeviceRefused
             If it is not connected and may not be ordered to, is no camera, or keeps its files to itself.
         """
-        device, habits = self._device, self._habits
-        try:
-            await device.bring_up(may_connect=habits.may_connect, needed=(self._exposure,))
+        async with self._or_closed() as device:
+            await device.bring_up(may_connect=self._habits.may_connect, needed=(self._exposure,))
             self._ours_until = 0
             await self.set_up()
-        except BaseException:
-            await device.client.close()
-            raise
-
-    async def close(self) -> None:
-        """Release the connection; the device stays connected, for others."""
-        await self._device.client.close()
 
     async def set_up(self) -> None:
         """Have light frames of the whole chip sent to us; see `camera_setup`."""

@@ -101,8 +101,8 @@ _ROTATOR_OPTIONS = ("connect", "connect_s", "timeout_s", "server_silent_s", "ste
 
 def _open_rotator(url: MountUrl, name: str | None) -> GenericRotator:
     from drivers.generic.options import number_of, require_known, yes_of
-    from drivers.generic.rotator import GenericRotator, RotatorTiming
-    from drivers.indi.rotator import USUAL_STEP_DEG, IndiRotatorLanguage, RotatorHabits
+    from drivers.generic.rotator import USUAL_STEP_DEG, GenericRotator, RotatorTiming
+    from drivers.indi.rotator import IndiRotatorLanguage, RotatorHabits
 
     own = url.options
     require_known(own, _ROTATOR_OPTIONS, "an indi rotator")

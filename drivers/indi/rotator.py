@@ -8,18 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from drivers.generic.rotator import Told
+from drivers.generic.rotator import USUAL_STEP_DEG, Told
+from drivers.generic.served_device import ServedDevice
 from drivers.indi.codec import messages
 from drivers.indi.codec.answers import refusal, was_refused
 from drivers.indi.codec.messages import State
 from drivers.indi.device import IndiDevice
-from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceGarbled, DeviceMissing, DeviceRefused, Refusal
 
 ANGLE, ABORT, REVERSE = "ABS_ROTATOR_ANGLE", "ROTATOR_ABORT_MOTION", "ROTATOR_REVERSE"
-USUAL_STEP_DEG = 0.01
-"""Of a rotator whose driver tells none: INDI's drivers give angles with two decimals. Doubled, turns end up
-to 0.03° beside their angle."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,33 +27,14 @@ class RotatorHabits:
     step_deg: float = USUAL_STEP_DEG
 
 
-class IndiRotatorLanguage:
-    """A `drivers.generic.rotator.RotatorLanguage` over one device of an `indiserver`.
-
-    Parameters
-    ----------
-    device : IndiDevice
-        Of the rotator, on a connection of its own.
-    name : str, optional
-        For messages; the device's address by default.
-    """
+class IndiRotatorLanguage(ServedDevice[IndiDevice]):
+    """A `drivers.generic.rotator.RotatorLanguage` over one device of an `indiserver`."""
 
     def __init__(
         self, device: IndiDevice, *, name: str | None = None, habits: RotatorHabits | None = None
     ) -> None:
-        self._device = device
-        self._name = name or device.address
+        super().__init__(device, name=name)
         self._habits = habits or RotatorHabits()
-
-    @property
-    def name(self) -> str:
-        """Name and address."""
-        return self._name
-
-    @property
-    def log(self) -> WireLog:
-        """All that went over its connection lately."""
-        return self._device.client.log
 
     @property
     def usable(self) -> bool:
@@ -76,15 +54,8 @@ class IndiRotatorLanguage:
 
     async def open(self) -> None:
         """Connect; see `IndiDevice.bring_up`."""
-        try:
-            await self._device.bring_up(may_connect=self._habits.may_connect, needed=(ANGLE,))
-        except BaseException:
-            await self._device.client.close()
-            raise
-
-    async def close(self) -> None:
-        """Release the connection; the device stays connected, for others."""
-        await self._device.client.close()
+        async with self._or_closed() as device:
+            await device.bring_up(may_connect=self._habits.may_connect, needed=(ANGLE,))
 
     async def read(self) -> Told:
         """Have its driver tell the angle; busy means that it moves."""

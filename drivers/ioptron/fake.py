@@ -32,7 +32,7 @@ from mountnav import devices
 from mountnav.clock import utc_now
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
-from mountnav.simulation.posture import axes_at, other_side
+from mountnav.simulation.posture import axes_at
 from mountnav.sky.chain import apparent_to_hour_angle, hour_angle_to_observed, observed_to_hour_angle
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, GeometricHourAngle, HourAngle, Observed, Site
 from mountnav.sky.sphere import half_turn_deg
@@ -427,7 +427,7 @@ class FakeIoptron(WireFake):
             return False
         side = self.mechanics.destination_side(target)
         if counterweight_up:
-            side = other_side(side)
+            side = side.other
         asked = None if side is devices.PierSide.UNKNOWN else side
         if self.mechanics.refusal(target, asked) is not None:
             return False

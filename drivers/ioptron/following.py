@@ -14,13 +14,11 @@ from drivers.ioptron.codec.values import TrackingRate
 from drivers.ioptron.exchange import IoptronExchange
 from mountnav.devices import STARS_RATES, OffsetRates, RateSpan
 from mountnav.errors import Refusal
-from mountnav.sky.coordinates import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S, SIDEREAL_DEG_S
 
-_SIDEREAL_ARCSEC_S = SIDEREAL_DEG_S * 3600.0
-"""What a custom rate of 1 is, ″/s."""
-MOST = OffsetRates(0.9 * _SIDEREAL_ARCSEC_S, 0.0)
+MOST = OffsetRates(0.9 * SIDEREAL_ARCSEC_S, 0.0)
 """The largest rates beside the sidereal one: 0.1 to 1.9 of it, and none in declination [IOPTRON310 :RR]."""
-STEP_ARCSEC_S = 1e-4 * _SIDEREAL_ARCSEC_S
+STEP_ARCSEC_S = 1e-4 * SIDEREAL_ARCSEC_S
 """The step of a custom rate, ″/s: four decimals of the sidereal rate."""
 _WHY = "iOptron mounts have a custom rate in right ascension alone"
 _SLOWEST_NUMBER, _FASTEST_NUMBER = 3, 7
@@ -48,7 +46,7 @@ async def order_rates(exchange: IoptronExchange, rates: OffsetRates) -> None:
     if rates.none:
         await exchange.obeyed(v3.set_rate(TrackingRate.SIDEREAL), "the sidereal rate")
         return
-    await exchange.obeyed(v3.set_custom_rate(1.0 - rates.ra_arcsec_s / _SIDEREAL_ARCSEC_S), "the custom rate")
+    await exchange.obeyed(v3.set_custom_rate(1.0 - rates.ra_arcsec_s / SIDEREAL_ARCSEC_S), "the custom rate")
     await exchange.obeyed(v3.set_rate(TrackingRate.CUSTOM), "to track at the custom rate")
 
 
@@ -58,7 +56,7 @@ async def told_rates(exchange: IoptronExchange) -> OffsetRates | None:
     if status.rate is not TrackingRate.CUSTOM:
         return STARS_RATES
     times = await exchange.known(v3.CUSTOM_RATE)
-    return None if times is None else OffsetRates((1.0 - times) * _SIDEREAL_ARCSEC_S, 0.0)
+    return None if times is None else OffsetRates((1.0 - times) * SIDEREAL_ARCSEC_S, 0.0)
 
 
 async def move_ra(exchange: IoptronExchange, rate_deg_s: float, wanted: Wanted) -> Sent:

@@ -25,15 +25,13 @@ from drivers.nexstar.codec.passthrough import Axis, motor_for
 from drivers.wire.command import Command
 from mountnav.devices import Direction, MountAxis, OffsetRates, PierSide, RateSpan
 from mountnav.errors import DeviceError, DeviceRefused, Refusal
-from mountnav.sky.coordinates import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S
 
 STEP_ARCSEC_S = 0.25
 """Rates are told in quarters of an arcsecond a second [NexStar P 0x06]."""
 MOST_ARCSEC_S = 3600.0
 """A degree a second: slower than any of these mounts slews. Chosen by hand, far below what the wire could
 say; doubled, some mounts don't keep up."""
-_SIDEREAL_ARCSEC_S = SIDEREAL_DEG_S * 3600.0
-"""What the first motor runs at for a star, ″/s."""
 SPANS = (RateSpan(0.002, MOST_ARCSEC_S / 3600.0),)
 """At which speeds an axis can be moved by hand, °/s: from half of what tracking is."""
 _WORSE = 0.5
@@ -61,8 +59,8 @@ class Turning:
 
 def rounded(rates: OffsetRates) -> OffsetRates:
     """What is left of rates beside the sidereal one when both motors' are told in quarters."""
-    along = _quarters(_SIDEREAL_ARCSEC_S - rates.ra_arcsec_s)
-    return OffsetRates(_SIDEREAL_ARCSEC_S - along, _quarters(rates.dec_arcsec_s))
+    along = _quarters(SIDEREAL_ARCSEC_S - rates.ra_arcsec_s)
+    return OffsetRates(SIDEREAL_ARCSEC_S - along, _quarters(rates.dec_arcsec_s))
 
 
 def _quarters(rate_arcsec_s: float) -> float:
@@ -150,7 +148,7 @@ class Following:
         try:
             if not began:
                 await self._ask(base.set_tracking(off))
-            await self._ask(base.move_at(Axis.RA, turning.sky * (_SIDEREAL_ARCSEC_S - ra)))
+            await self._ask(base.move_at(Axis.RA, turning.sky * (SIDEREAL_ARCSEC_S - ra)))
             await self._ask(base.move_at(Axis.DEC, turning.north * dec))
         except DeviceError:
             # what it does now isn't known: better that it tracks

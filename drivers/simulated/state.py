@@ -23,7 +23,6 @@ from mountnav.devices import (
 )
 from mountnav.errors import Busy, DeviceRefused, Refusal, RefusedButDone
 from mountnav.simulation.mechanics import Mechanics
-from mountnav.simulation.posture import other_side
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent, Icrs
 
@@ -187,7 +186,7 @@ class SimulatedState:
     # -- inside ------------------------------------------------------------------------------------
 
     def _as_reported(self, side: PierSide) -> PierSide:
-        return other_side(side) if self.behavior.side_swapped else side
+        return side.other if self.behavior.side_swapped else side
 
     def _stop_now(self) -> None:
         self.received.append("stop")

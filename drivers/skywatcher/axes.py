@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 from drivers.skywatcher.codec import LARGEST, POSITION_ZERO, Axis, Board
-from mountnav.devices import PierSide, TrackingRate
+from mountnav.devices import TRACKING_DEG_S, PierSide, TrackingRate
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.sky.chain import (
     apparent_to_icrs,
@@ -35,16 +35,13 @@ from mountnav.sky.chain import (
     icrs_to_apparent,
     icrs_to_hour_angle,
 )
-from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, HourAngle, Site
+from mountnav.sky.coordinates import Air, Apparent, HourAngle, Site
 from mountnav.sky.sphere import half_turn_deg
 
 RATES_DEG_S = {
-    TrackingRate.SIDEREAL: SIDEREAL_DEG_S,
-    # the mean Moon, as INDI has it; the mean Sun
-    TrackingRate.LUNAR: 14.511415 / 3600.0,
-    TrackingRate.SOLAR: 15.0 / 3600.0,
+    rate: TRACKING_DEG_S[rate] for rate in (TrackingRate.SIDEREAL, TrackingRate.LUNAR, TrackingRate.SOLAR)
 }
-"""How fast the first axis follows the stars, the Moon, the Sun."""
+"""How fast the first axis follows, by the rates that its hand control has."""
 _HEQ5_SLOW_TIMER = (Board(1, 6, 1), 64935, 64640)
 """Board, the timer frequency that it reports, and the true one [INDI eqmod]."""
 

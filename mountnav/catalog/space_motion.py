@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from mountnav.units import RAD_PER_MAS
 
-MAS_RAD = np.pi / 180.0 / 3600.0e3
-"""A milliarcsecond in radians."""
+Array = NDArray[np.float64]
 
 
 def unit_vectors(ra_deg: Array | float, dec_deg: Array | float) -> Array:
@@ -41,7 +40,7 @@ def motion_vectors(ra_deg: Array, dec_deg: Array, pm_ra_cosdec_mas_yr: Array, pm
     """
     ra, dec = np.radians(ra_deg), np.radians(dec_deg)
     sin_ra, cos_ra, sin_dec, cos_dec = np.sin(ra), np.cos(ra), np.sin(dec), np.cos(dec)
-    east, north = pm_ra_cosdec_mas_yr * MAS_RAD, pm_dec_mas_yr * MAS_RAD
+    east, north = pm_ra_cosdec_mas_yr * RAD_PER_MAS, pm_dec_mas_yr * RAD_PER_MAS
     return np.array(
         [
             -sin_ra * east - sin_dec * cos_ra * north,
@@ -85,7 +84,7 @@ def motions_seen(vectors: Array, motion: Array) -> tuple[Array, Array]:
     """
     length = np.sqrt((vectors**2).sum(axis=0))
     unit = vectors / length
-    across = (motion - unit * (unit * motion).sum(axis=0)) / length / MAS_RAD
+    across = (motion - unit * (unit * motion).sum(axis=0)) / length / RAD_PER_MAS
     flat = np.hypot(unit[0], unit[1])
     # exactly at a pole RA is 0 by `places`, so east is the y axis
     cos_ra = np.divide(unit[0], flat, out=np.ones_like(flat), where=flat > 0)

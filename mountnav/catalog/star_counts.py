@@ -22,6 +22,7 @@ from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.space_motion import unit_vectors
 from mountnav.catalog.stars import Catalog, KnowsDepth, Stars
 from mountnav.sky.coordinates import Icrs
+from mountnav.units import SKY_DEG2
 
 Array = NDArray[np.float64]
 
@@ -203,7 +204,7 @@ def magnitude_for(count: float, area_deg2: float) -> float | None:
         None when the whole catalog is wanted. From star counts N(V) of the whole sky, a poor region
         having two fifths of the mean.
     """
-    all_sky = count / area_deg2 * 41253.0 / 0.4
+    all_sky = count / area_deg2 * SKY_DEG2 / 0.4
     magnitude = 6.0 + (np.log10(all_sky) - 3.7) / 0.45 + 0.3
     return None if magnitude > DEEPEST_MAG else float(max(magnitude, 2.0))
 

@@ -9,14 +9,10 @@ from typing import Final
 
 from mountnav.errors import BadRequest
 from mountnav.sky.iers import tt_minus_utc_s
+from mountnav.units import DEG_PER_HOUR, J2000_JD, J2000_UTC
 
 _NUMBER: Final = re.compile(r"[+-]?[0-9]{1,12}(?:\.[0-9]{0,15})?")
 _MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-_J2000: Final = datetime(2000, 1, 1, 12, tzinfo=UTC)
-_J2000_JD: Final = 2451545.0
-"""Julian date of J2000.0."""
-_ARCSEC_PER_HOUR_UNIT: Final = 15.0
-"""Arcseconds in a second of right ascension."""
 
 
 def plain_number(text: str, what: str, at: str) -> float:
@@ -45,7 +41,7 @@ def ra_of(parts: list[str], at: str) -> tuple[float, float]:
         return degrees % 360.0, _last_digit(parts[0]) * 3600.0
     return _sexagesimal(parts, 24.0, "right ascension", at) * 15.0, _last_digit(
         parts[-1]
-    ) * _ARCSEC_PER_HOUR_UNIT * _below(parts)
+    ) * DEG_PER_HOUR * _below(parts)
 
 
 def dec_of(parts: list[str], at: str) -> tuple[float, float]:
@@ -88,7 +84,7 @@ def utc_of_julian_date(jd: float, scale: str) -> datetime:
     """An instant of a Julian date. Scales: UT (UTC), TT, TDB. Raises BadRequest."""
     if not 2441317.5 <= jd <= 2488069.5:
         raise BadRequest(f"JD {jd:g} lies outside the years 1972 to 2099")
-    return in_utc(_J2000 + timedelta(days=jd - _J2000_JD), scale)
+    return in_utc(J2000_UTC + timedelta(days=jd - J2000_JD), scale)
 
 
 def calendar_instant(day: str, clock: str, scale: str, at: str) -> datetime:

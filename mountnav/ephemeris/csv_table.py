@@ -26,7 +26,7 @@ from mountnav.errors import BadRequest
 from mountnav.parsing import repeated
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent, Icrs, Site
-from mountnav.sky.observer import AU_KM
+from mountnav.units import AU_KM
 
 _COLUMNS: Final = (
     "utc",

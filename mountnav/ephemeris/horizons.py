@@ -21,7 +21,7 @@ from mountnav.errors import BadRequest
 from mountnav.parsing import json_of
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent, Icrs, Site
-from mountnav.sky.observer import AU_KM
+from mountnav.units import AU_KM
 
 _BEGIN: Final = "$$SOE"
 _END: Final = "$$EOE"

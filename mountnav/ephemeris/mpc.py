@@ -15,9 +15,8 @@ from typing import Any, Final
 
 from mountnav.ephemeris.elements import OrbitElements, by_mean_anomaly
 from mountnav.errors import BadRequest
+from mountnav.units import MJD_ZERO_JD
 
-_MJD_ZERO_JD: Final = 2400000.5
-"""Julian date of the zero of the modified Julian date."""
 _ORDINAL_ZERO_JD: Final = 1721424.5
 """Julian date of Python's day 0."""
 _DIGITS: Final = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
@@ -375,7 +374,7 @@ def _mpc_orb(record: Mapping[str, Any], at: str) -> OrbitElements:
     told = {str(name): value for name, value in zip(names, values, strict=False)}
     if epoch.get("timesystem") not in ("TDT", "TT", "TDB"):
         raise BadRequest(f"{at}: the epoch is {epoch.get('timesystem')!r}, not TT or TDB")
-    epoch_jd = _number(epoch, "epoch", at) + _MJD_ZERO_JD
+    epoch_jd = _number(epoch, "epoch", at) + MJD_ZERO_JD
     designations = record.get("designation_data")
     titles = designations if isinstance(designations, Mapping) else {}
     name = _words(titles, "unpacked_primary_provisional_designation") or _words(titles, "name")
@@ -391,7 +390,7 @@ def _mpc_orb(record: Mapping[str, Any], at: str) -> OrbitElements:
         inclination_deg=_number(told, "i", at),
         node_deg=_number(told, "node", at),
         peri_deg=_number(told, "argperi", at),
-        perihelion_jd=_number(told, "peri_time", at) + _MJD_ZERO_JD,
+        perihelion_jd=_number(told, "peri_time", at) + MJD_ZERO_JD,
         uncertainty=_quality(record),
     )
 

@@ -26,20 +26,11 @@ from mountnav.errors import BadRequest
 from mountnav.sky.chain import slow_parts
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.sky.iers import EarthOrientation, earth_orientation, utc_mjd
-from mountnav.sky.observer import (
-    LIGHT_KM_S,
-    direction,
-    earth_barycentric_km,
-    instant,
-    site_geocentric_km,
-)
+from mountnav.sky.observer import direction, earth_barycentric_km, instant, site_geocentric_km
+from mountnav.units import LIGHT_KM_S, MJD_ZERO_JD, SECONDS_PER_DAY
 
 Vector = NDArray[np.float64]
 
-_MJD_ZERO_JD = 2400000.5
-"""Julian date of the zero of the modified Julian date."""
-_DAY_S = 86400.0
-"""Seconds of a day."""
 _SGP4_EPOCH_MJD = 33281
 """SGP4 counts its days from 1949-12-31 0 h."""
 _EARTH_RADIUS_KM = 6378.135
@@ -141,12 +132,12 @@ class SatelliteElements:
     def semi_major_km(self) -> float:
         """Half the orbit's length."""
         # Kepler's third law with WGS72's GM of 398600.8 km³/s²
-        n = self.mean_motion_rev_day * 2.0 * math.pi / _DAY_S
+        n = self.mean_motion_rev_day * 2.0 * math.pi / SECONDS_PER_DAY
         return float((398600.8 / n**2) ** (1.0 / 3.0))
 
     def sigma_km(self, utc: datetime) -> float:
         """How far off along its way it may be, one sigma; grows with the elements' age."""
-        age_days = abs((utc - self.epoch_utc).total_seconds()) / _DAY_S
+        age_days = abs((utc - self.epoch_utc).total_seconds()) / SECONDS_PER_DAY
         # the along-way effect of drag is a turn of motion_dot * age², in revolutions
         drag_km = 2.0 * math.pi * self.semi_major_km * abs(self.motion_dot_rev_day2) * age_days**2
         return SIGMA_AT_EPOCH_KM + SIGMA_KM_A_DAY * age_days + DRAG_DOUBT * drag_km
@@ -172,7 +163,7 @@ class SatelliteElements:
             math.radians(self.node_deg),
         )
         # sgp4init rounds the day to doubles of days since 1950; the fraction is better kept on its own
-        made.jdsatepoch, made.jdsatepochF = _MJD_ZERO_JD + day, fraction
+        made.jdsatepoch, made.jdsatepochF = MJD_ZERO_JD + day, fraction
         if made.error:
             raise BadRequest(
                 f"{self.name}: SGP4 refuses its elements: {SGP4_ERRORS.get(made.error, made.error)}"
@@ -185,12 +176,12 @@ def _teme_to_gcrs(utc: datetime, earth: EarthOrientation) -> Any:
     """Matrix from TEME of date to the axes of the ICRS, shape (3, 3)."""
     now = instant(utc)
     day, fraction = utc_mjd(utc)
-    ut1 = fraction + earth.dut1_s / _DAY_S
+    ut1 = fraction + earth.dut1_s / SECONDS_PER_DAY
     slow = slow_parts(now.jd1, now.jd2)
     x, y = erfa.bpn2xy(slow.matrix)
     celestial = erfa.c2ixys(x, y, slow.s_rad)
     # over the Earth-fixed frame without polar motion: R3(GMST) takes TEME to it, R3(-ERA) leads back
-    turn = float(erfa.gmst82(_MJD_ZERO_JD + day, ut1)) - float(erfa.era00(_MJD_ZERO_JD + day, ut1))
+    turn = float(erfa.gmst82(MJD_ZERO_JD + day, ut1)) - float(erfa.era00(MJD_ZERO_JD + day, ut1))
     cos, sin = math.cos(turn), math.sin(turn)
     about = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return celestial.T @ about
@@ -267,7 +258,7 @@ class EarthSatellite:
     def teme_km(self, utc: datetime, later_s: float = 0.0) -> Vector:
         """SGP4's own place, TEME of date, shape (3,), km. Raises `BadRequest` if there is none."""
         day, fraction = utc_mjd(utc)
-        error, place, _ = self._satrec.sgp4(_MJD_ZERO_JD + day, fraction + later_s / _DAY_S)
+        error, place, _ = self._satrec.sgp4(MJD_ZERO_JD + day, fraction + later_s / SECONDS_PER_DAY)
         if error or not all(map(math.isfinite, place)):
             raise BadRequest(
                 f"{self.name} has no place at {utc:%Y-%m-%d %H:%M} UTC: "
@@ -283,7 +274,7 @@ class EarthSatellite:
         return math.degrees(math.atan2(self.elements.sigma_km(utc), max(height_km, 100.0))) * 3600.0
 
     def _require_young(self, utc: datetime) -> None:
-        days = (self.ends_utc - self.elements.epoch_utc).total_seconds() / _DAY_S
+        days = (self.ends_utc - self.elements.epoch_utc).total_seconds() / SECONDS_PER_DAY
         why = (
             f" (its elements are of {self.elements.epoch_utc:%Y-%m-%d %H:%M} UTC and good for "
             f"{days:.1f} days: later it may be {self.elements.sigma_km(self.ends_utc):.0f} km off)"

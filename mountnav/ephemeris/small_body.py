@@ -14,7 +14,7 @@ import math
 import threading
 from bisect import bisect_left
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from typing import Any, Final
 
 import numpy as np
@@ -25,7 +25,8 @@ from mountnav.ephemeris.span import require_aware, require_within
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.sky.kernel import barycentric_state_km, span_jd
-from mountnav.sky.observer import AU_KM, direction, earth_barycentric_km, instant, seen_from
+from mountnav.sky.observer import direction, earth_barycentric_km, instant, seen_from
+from mountnav.units import AU_KM, J2000_JD, J2000_UTC, JULIAN_YEAR_DAYS
 
 Vector = NDArray[np.float64]
 
@@ -56,10 +57,6 @@ instant. Doubled, two months more are missing."""
 _LONGEST_YEARS: Final = 15.0
 """So far from the epoch elements are used. Doubled, sums of unmodeled pulls grow by four, and an answer takes
 longer."""
-_YEAR_DAYS: Final = 365.25
-"""A Julian year."""
-_J2000_JD: Final = 2451545.0
-"""Julian date of J2000.0."""
 _MOST_SIGMA_DEG: Final = 5.0
 """A place that is less certain than this is refused: no search finds it. Doubled, twice the sky is offered
 for nothing."""
@@ -193,12 +190,16 @@ class SmallBody:
     @property
     def begins_utc(self) -> datetime | None:
         """15 years before the epoch, or where the planets' places begin."""
-        return _utc(max(self.elements.epoch_jd - _LONGEST_YEARS * _YEAR_DAYS, span_jd(10)[0] + _EDGE_DAYS))
+        return _utc(
+            max(self.elements.epoch_jd - _LONGEST_YEARS * JULIAN_YEAR_DAYS, span_jd(10)[0] + _EDGE_DAYS)
+        )
 
     @property
     def ends_utc(self) -> datetime | None:
         """15 years after the epoch, or where the planets' places end."""
-        return _utc(min(self.elements.epoch_jd + _LONGEST_YEARS * _YEAR_DAYS, span_jd(10)[1] - _EDGE_DAYS))
+        return _utc(
+            min(self.elements.epoch_jd + _LONGEST_YEARS * JULIAN_YEAR_DAYS, span_jd(10)[1] - _EDGE_DAYS)
+        )
 
     def icrs(self, utc: datetime, site: Site) -> Icrs:
         """Where it stands: topocentric, light time taken off.
@@ -224,7 +225,7 @@ class SmallBody:
             return math.hypot(_OWN_SIGMA_ARCSEC, told)
         sun = _barycentric_au(10, now.jd1 + now.tdb2)
         from_sun = float(np.linalg.norm(state[:3] - sun))
-        years = (now.jd1 + now.tdb2 - self.elements.epoch_jd) / _YEAR_DAYS
+        years = (now.jd1 + now.tdb2 - self.elements.epoch_jd) / JULIAN_YEAR_DAYS
         # told at the Sun, seen from the Earth
         return math.hypot(
             _OWN_SIGMA_ARCSEC, self.elements.along_arcsec(years) * from_sun / max(distance, 1e-4)
@@ -264,7 +265,7 @@ class SmallBody:
     def _require_near(self, utc: datetime, *, certain: bool = True) -> None:
         require_aware(utc)
         now = instant(utc)
-        years = (now.jd1 + now.tdb2 - self.elements.epoch_jd) / _YEAR_DAYS
+        years = (now.jd1 + now.tdb2 - self.elements.epoch_jd) / JULIAN_YEAR_DAYS
         if abs(years) > _LONGEST_YEARS:
             raise BadRequest(
                 f"the elements of {self.name} are of {_day(self.elements.epoch_jd)}, {abs(years):.1f} years "
@@ -289,7 +290,7 @@ a little wider."""
 
 def _utc(jd: float) -> datetime | None:
     try:
-        return datetime(2000, 1, 1, 12, tzinfo=UTC) + timedelta(days=jd - _J2000_JD)
+        return J2000_UTC + timedelta(days=jd - J2000_JD)
     except OverflowError:
         return None
 

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from mountnav.ephemeris.span import require_within
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs, Site
-from mountnav.sky.observer import AU_KM, LIGHT_KM_S, direction, earth_barycentric_km, site_geocentric_km
+from mountnav.sky.observer import direction, earth_barycentric_km, site_geocentric_km
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.units import ARCSEC_PER_RAD, AU_KM, LIGHT_KM_S
 
 Vector = NDArray[np.float64]
 
@@ -176,7 +177,7 @@ class Table:
         there = site_geocentric_km(utc, self.observer)[0] if isinstance(self.observer, Site) else np.zeros(3)
         apart_km = float(np.linalg.norm(here - there))
         if apart_km > _SAME_PLACE_KM:
-            of_moon = math.degrees(apart_km / 384_400.0)
+            of_au, of_moon = apart_km / AU_KM * ARCSEC_PER_RAD, math.degrees(apart_km / 384_400.0)
             raise BadRequest(
                 f"the table of {self.name} is for "
                 + (
@@ -184,8 +185,8 @@ class Table:
                     if self.observer == "geocenter"
                     else f"a place {apart_km:.0f} km from here"
                 )
-                + " and tells no distance: from here a body 1 au away stands "
-                f"{apart_km / AU_KM * 206265.0:.1f}″ elsewhere, one at the Moon's distance {of_moon:.2f}°",
+                + f" and tells no distance: from here a body 1 au away stands {of_au:.1f}″ elsewhere, "
+                f"one at the Moon's distance {of_moon:.2f}°",
                 advice="make it for your coordinates, or with the distance (quantity 20 of Horizons)",
             )
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from mountnav.errors import BadRequest
 from mountnav.identification.photometry import NOT_COMPARABLE, fit_photometry
-from mountnav.identification.plate import ARCSEC_PER_RAD
 from mountnav.measuring.measurements import Flag
 from mountnav.sky.wcs import places_at_pixels
 from mountnav.solution import IdentifiedPairs, Solution
+from mountnav.units import ARCSEC_PER_RAD
 
 Array = NDArray[np.float64]
 

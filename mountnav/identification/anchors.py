@@ -21,10 +21,11 @@ from mountnav.identification.odds import (
     berk_jones_p,
     local_density,
 )
-from mountnav.identification.plate import ARCSEC_PER_RAD, SIMILARITY, Plate, fit_plate
+from mountnav.identification.plate import SIMILARITY, Plate, fit_plate
 from mountnav.identification.search_area import WIDEST_FRAME_DEG
 from mountnav.measuring.measurements import Measurements
 from mountnav.sky.coordinates import Icrs
+from mountnav.units import ARCSEC_PER_RAD
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

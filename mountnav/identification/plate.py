@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic, gnomonic_inverse
+from mountnav.units import ARCSEC_PER_RAD
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
-"""Arcseconds per radian."""
 SIMILARITY = 0
 """Degree that stands for a similarity: four parameters, for frames with a handful of stars."""
 INVERSE_PX = 1e-7

@@ -16,6 +16,7 @@ from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Measurements, StarImages
 from mountnav.solution import Reason
+from mountnav.units import SKY_DEG2
 
 SURE_STARS = 8
 """With fewer stars than this a failure is laid to their number. Chosen by hand: it changes the reason of a
@@ -23,8 +24,6 @@ refusal, never whether a frame is solved."""
 CLOUD_SHARE = 0.2
 """Fewer star-like sources than this share of the promised ones: something is in the way. Chosen by hand: it
 changes the reason of a refusal, never whether a frame is solved."""
-WHOLE_SKY_DEG2 = 41252.96
-"""Area of the sky, square degrees: 4π (180/π)²."""
 DEEPER_FRAME = 10.0
 """A frame with so many times the catalog's stars is deeper by some magnitudes. Chosen by hand: it changes the
 reason of a refusal, never whether a frame is solved."""
@@ -131,7 +130,7 @@ def _mean_in_field(catalog: Catalog, hint: Hint, width_px: int, height_px: int) 
     if not isinstance(catalog, PackedStore) or low is None or high is None or not 0 < low <= high:
         return None
     field_deg2 = width_px * height_px * low * high / 3600.0**2
-    return len(catalog) * field_deg2 / WHOLE_SKY_DEG2
+    return len(catalog) * field_deg2 / SKY_DEG2
 
 
 def _too_shallow(has: float, measured: int) -> bool:

@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 from mountnav.catalog.space_motion import unit_vectors
 from mountnav.catalog.star_counts import depth_for, stars_deep_enough
 from mountnav.catalog.stars import Catalog, Stars
-from mountnav.identification.plate import ARCSEC_PER_RAD
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic_inverse
+from mountnav.units import ARCSEC_PER_RAD
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

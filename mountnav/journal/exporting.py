@@ -20,6 +20,7 @@ from mountnav.extras import extra
 from mountnav.journal.database import Facts, Number, UtcTime
 from mountnav.journal.reading import ALL, JournalReader, Wanted
 from mountnav.journal.tables import command, entry, look
+from mountnav.units import SECONDS_PER_DAY
 
 TABLES: Mapping[str, Table] = {"looks": look, "commands": command, "entries": entry}
 """What can be exported."""
@@ -230,7 +231,7 @@ def _text_column(fits: Any, name: str, values: list[str]) -> Any:
 
 def _mjd(utc: datetime) -> float:
     since = utc - datetime(1858, 11, 17, tzinfo=utc.tzinfo)
-    return since.days + (since.seconds + since.microseconds * 1e-6) / 86400.0
+    return since.days + (since.seconds + since.microseconds * 1e-6) / SECONDS_PER_DAY
 
 
 def _chunks(rows: Iterable[Mapping[str, Any]]) -> Iterator[list[Mapping[str, Any]]]:

@@ -52,7 +52,7 @@ def cone(
 
     from mountnav.catalog.embedded import embedded_catalog
     from mountnav.clock import utc_now
-    from mountnav.solving.solve import epoch_of
+    from mountnav.units import julian_year
 
     if not 0 < radius_deg <= 90:
         raise BadRequest(f"radius_deg is {radius_deg}", advice="give degrees between 0 and 90")
@@ -60,9 +60,9 @@ def cone(
         icrs = center.icrs
         center = Icrs(float(icrs.ra.deg), float(icrs.dec.deg))
     if at is None:
-        epoch_yr = epoch_of(utc_now())
+        epoch_yr = julian_year(utc_now())
     elif isinstance(at, datetime):
-        epoch_yr = epoch_of(at)
+        epoch_yr = julian_year(at)
     elif isinstance(at, (int, float)):
         epoch_yr = float(at)
     else:

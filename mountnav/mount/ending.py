@@ -12,7 +12,7 @@ from mountnav.errors import MountnavError
 from mountnav.journal.records import EntryKind
 from mountnav.mount.mount_state import Listener
 from mountnav.mount.order_book import OrderBook
-from mountnav.tasks import begun, fault_words, waited_for
+from mountnav.tasks import begun, fault_words, first_of, waited_for
 
 _AGAIN_S = 1.0
 """Between the first tries, s. Chosen by hand: a link that hiccups is back by then. Doubled, rates go on for
@@ -165,10 +165,4 @@ class Ending:
             self._tell(f"{self._what}-ended-late", {})
 
     async def _pause(self, seconds: float) -> None:
-        waiting = [waited_for(self._clock.sleep(seconds)), waited_for(self._wake.wait())]
-        try:
-            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for task in waiting:
-                task.cancel()
-            await asyncio.gather(*waiting, return_exceptions=True)
+        await first_of(self._clock.sleep(seconds), self._wake.wait())

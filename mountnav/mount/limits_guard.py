@@ -25,12 +25,7 @@ from mountnav.pointing.limits.along import reached_by_axes
 from mountnav.pointing.limits.bodies import SUN_DEG_PER_S, bodies
 from mountnav.pointing.limits.detours import legs_to
 from mountnav.pointing.limits.directions import of_body
-from mountnav.pointing.limits.postures import (
-    COUNTERWEIGHT_DOWN_DEG,
-    Standing,
-    from_the_meridian_deg,
-    side_by_rule,
-)
+from mountnav.pointing.limits.postures import Standing, from_the_meridian_deg, side_by_rule
 from mountnav.pointing.limits.refusing import require_night, why
 from mountnav.pointing.limits.scene import Scene
 from mountnav.pointing.limits.slews import FACES_DOUBT_DEG, POLE_DOUBT_DEG
@@ -38,6 +33,7 @@ from mountnav.pointing.limits.tracked import AT_POLE_DEG, VACUUM, standing_for, 
 from mountnav.pointing.limits.ways import strays_deg
 from mountnav.sky.chain import icrs_to_hour_angle, icrs_to_observed
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site
+from mountnav.sky.german_axes import COUNTERWEIGHT_DOWN_DEG
 from mountnav.sky.sphere import separation_arcsec
 
 BELOW_GROUND_DEG = -2.0

@@ -37,6 +37,7 @@ from mountnav.mount.mount_state import Listener, MountState, SegmentListener
 from mountnav.mount.moved_axes import AxisOrders
 from mountnav.mount.offset_rates import RateOrders, RatesInForce
 from mountnav.mount.order_book import OrderBook, outcome_of
+from mountnav.mount.order_rooms import OrderRooms
 from mountnav.mount.orders import BriefOrders, MotionOrders, SlewPlanner, SyncOrders
 from mountnav.mount.pier_side import SIDE_PROVEN, SideProof
 from mountnav.mount.sending import Admission, Sender
@@ -93,27 +94,29 @@ class CheckedMount:
         self._sender = sender = Sender(mount, book, state)
         self._watch = watch = TrackingWatch(self, guard, book, self._clock, state.tell)
         self._agreement = agreement = SiteTimeAgreement(mount, state, book, guard)
-        self._admission = admission = Admission(mount, guard, state, sender, self._clock, agreement)
-        self._plans = plans = SlewPlanner(mount, guard, sender, book, self._clock)
-        self._motions = MotionOrders(mount, guard, state, sender, admission, plans, watch, self._clock)
-        self._syncs = SyncOrders(mount, guard, state, sender, admission, self._clock)
+        self._admission = Admission(mount, guard, state, sender, self._clock, agreement)
+        self._policy = following or FollowingPolicy()
+        self._armed = Armed(dead_man or NoGuard())
+        rooms = OrderRooms(
+            mount, guard, state, sender, book, self._admission, watch, self._clock, self._policy, self._armed
+        )
+        self._plans = plans = SlewPlanner(rooms)
+        self._motions = MotionOrders(rooms, plans)
+        self._syncs = SyncOrders(rooms)
         self._memory = PositionMemory(state, guard, book, self._clock)
         self._limits = limits
         self._wider_deg = self._off_deg = 0.0
         state.segments.listen(self._usual_again)
         state.on_reading(guard.saw)
         state.listen(self._not_followed)
-        self._brief = BriefOrders(mount, guard, sender, admission, watch, self._clock)
-        self._policy = policy = following or FollowingPolicy()
-        self._armed = armed = Armed(dead_man or NoGuard())
-        rooms = (mount, guard, state, sender, book, admission, watch, self._clock, policy, armed)
+        self._brief = BriefOrders(rooms)
         self._rates = RateOrders(
-            *rooms,
+            rooms,
             stop=self._stop_and_rest,
             rest=lambda: self._tracking_off("it rested before its rates were ended"),
-            axes_move=lambda: self._axes.moving,
+            axes_move=lambda: self._axes.owed,
         )
-        self._axes = AxisOrders(*rooms, stop=self._stop_for, follows=lambda: self._rates.owed)
+        self._axes = AxisOrders(rooms, stop=self._stop_for, follows=lambda: self._rates.owed)
         self._motions.before_moving(self._ended_before)
 
     # -- what it is --------------------------------------------------------------------------------
@@ -538,7 +541,7 @@ class CheckedMount:
         return await self._syncs.sync(place)
 
     def _require_no_axis(self, order: str) -> None:
-        if self._axes.moving:
+        if self._axes.owed:
             raise Busy(
                 f"the {order} refused: an axis is moved by hand", device=self.name, advice="end that first"
             )
@@ -644,7 +647,7 @@ class CheckedMount:
     @property
     def axis_moving(self) -> bool:
         """Whether an axis moves by an order to move it, or may."""
-        return self._axes.moving
+        return self._axes.owed
 
     @property
     def following_problem(self) -> str | None:

@@ -12,37 +12,29 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 from datetime import timedelta
 from typing import Final, get_args
 
-from mountnav.clock import Clock
-from mountnav.devices import Mount, MountAxis, MountReading, MovesAxes, RateSpan, Skill, from_mount, skills_of
+from mountnav.devices import MountAxis, MountReading, MovesAxes, RateSpan, Skill, from_mount, skills_of
 from mountnav.errors import (
     BadRequest,
     Busy,
     Cancelled,
-    DeviceError,
     DeviceRefused,
     MountnavError,
     OutsideLimits,
 )
 from mountnav.journal.records import EntryKind, Outcome
-from mountnav.mount.dead_man import LEFT_S, Armed
-from mountnav.mount.ending import Ending
-from mountnav.mount.following_policy import FollowingPolicy
-from mountnav.mount.kill_points import kill_point
-from mountnav.mount.limits_guard import LimitsGuard
-from mountnav.mount.mount_state import MountState
-from mountnav.mount.order_book import OrderBook, outcome_of
-from mountnav.mount.sending import Admission, OrderResult, OvertakenError, Sender
-from mountnav.mount.tracking_watch import TrackingWatch
+from mountnav.mount.order_rooms import OrderRooms
+from mountnav.mount.self_acting import SelfActingOrders
+from mountnav.mount.sending import OrderResult, OvertakenError
 from mountnav.pointing.limits import Reached
 from mountnav.pointing.limits.refusing import why as in_words
 from mountnav.sky.coordinates import Observed
 from mountnav.sky.sphere import separation_arcsec
-from mountnav.tasks import begun, fault_words
+from mountnav.tasks import begun, first_of
 
 __all__ = ["AxisOrders"]
 
@@ -84,11 +76,12 @@ class _Moved:
     until_s: float
 
 
-class AxisOrders:
+class AxisOrders(SelfActingOrders):
     """Moves one mount's axes, and ends them.
 
     Parameters
     ----------
+    rooms : OrderRooms
     stop : callable
         ``stop(why)``: stops the mount.
     follows : callable
@@ -97,50 +90,19 @@ class AxisOrders:
 
     def __init__(
         self,
-        mount: Mount,
-        guard: LimitsGuard,
-        state: MountState,
-        sender: Sender,
-        book: OrderBook,
-        admission: Admission,
-        watch: TrackingWatch,
-        clock: Clock,
-        policy: FollowingPolicy,
-        armed: Armed,
+        rooms: OrderRooms,
         *,
         stop: Callable[[str], Awaitable[None]],
         follows: Callable[[], bool],
     ) -> None:
-        self._mount = mount
-        self._guard = guard
-        self._state = state
-        self._sender = sender
-        self._book = book
-        self._admission = admission
-        self._watch = watch
-        self._clock = clock
-        self._policy = policy
-        self._armed = armed
+        super().__init__(rooms, _NAME, "the motion of an axis", stop=stop)
         self._follows = follows
-        self._wire = asyncio.Lock()
         self._moved: dict[MountAxis, _Moved] = {}
-        self._timer: asyncio.Task[None] | None = None
         self._changed = asyncio.Event()
-        self.ending = Ending(
-            _NAME,
-            "the motion of an axis",
-            once=self._end_once,
-            stop=stop,
-            owed=lambda: bool(self._moved),
-            book=book,
-            clock=clock,
-            tell=state.tell,
-        )
-        watch.by_hand = self.look
-        state.listen(self._said)
+        self._watch.by_hand = self.look
 
     @property
-    def moving(self) -> bool:
+    def owed(self) -> bool:
         """Whether an axis moves by an order of ours, or may."""
         return bool(self._moved)
 
@@ -183,8 +145,7 @@ class AxisOrders:
                 return
             await self._sent(mount, axis, _Moved(rate_deg_s, until_s), for_s, before, stops)
         if self._sender.stops != stops:
-            with contextlib.suppress(MountnavError):
-                await self.ending.now("a stop came while it was ordered")
+            await self._ended_quietly("a stop came while it was ordered")
             raise self._stopped()
 
     async def _sent(
@@ -280,9 +241,9 @@ class AxisOrders:
             limit=reached.limit,
         )
 
-    def _runs_on_s(self, rates_deg_s: object) -> float:
+    def _runs_on_s(self, rates_deg_s: Iterable[float]) -> float:
         """How long, at its full speed, an axis would take for the way on which it is ended and brakes."""
-        fastest = max((abs(rate) for rate in rates_deg_s), default=0.0)  # type: ignore[attr-defined]
+        fastest = max((abs(rate) for rate in rates_deg_s), default=0.0)
         return _HEARD_S + 0.5 * fastest / self._policy.axis_braking_deg_s2
 
     async def _skilled(self) -> MovesAxes:
@@ -324,8 +285,7 @@ class AxisOrders:
         }
         self._book.note_now(EntryKind.FAULT, "an axis is ended before a limit", facts)
         self._state.tell("limit-stop", facts)
-        with contextlib.suppress(MountnavError):
-            await self.ending.now(what)
+        await self._ended_quietly(what)
 
     # -- ending ------------------------------------------------------------------------------------
 
@@ -356,27 +316,14 @@ class AxisOrders:
         self._moved.pop(axis, None)
         self._settle()
 
-    async def before(self, order: str) -> None:
-        """End them before an order that they must not outlive. Raises as `end`, but never before a park."""
-        try:
-            await self.end(f"an order to {order}")
-        except DeviceError:
-            if order != "park":
-                raise
-
     async def stopped(self) -> None:
         """A stop was sent: end them too, some mounts stop slews alone. Never raises a `MountnavError`."""
         if self._moved:
-            with contextlib.suppress(MountnavError):
-                await self.ending.now("a stop")
+            await self._ended_quietly("a stop")
 
     async def close(self, within_s: float) -> None:
         """The mount is let go: end them; what can't be ended is left to the guard."""
-        if self._moved:
-            self.ending.begin("the mount is let go")
-            await self.ending.over(within_s)
-        await self.ending.close()
-        self._no_countdown()
+        await self._let_go(within_s)
 
     async def take_up(self, why: str) -> None:
         """An earlier run of the service has left an axis moving: end both. Raises as `end`."""
@@ -384,9 +331,7 @@ class AxisOrders:
             for axis in _AXES:
                 # how fast isn't known any more: both are seen at rest
                 self._moved.setdefault(axis, _Moved(self._policy.most_axis_deg_s, math.inf))
-            with contextlib.suppress(DeviceError):  # they move already, guard or none
-                self._armed.need(_NAME, self._clock.utc() + timedelta(seconds=LEFT_S))
-            await self.ending.now(why)
+            await self._end_left(why)
 
     async def _end_once(self, why: str) -> None:
         """End all, and see them at rest. Raises a `MountnavError` if they aren't."""
@@ -407,16 +352,8 @@ class AxisOrders:
             return
         for axis in axes:
             facts: dict[str, object] = {"axis": axis, "rate_deg_s": 0.0, "why": why}
-            row = self._book.begin_now(_NAME, self._state.segments.segment_id, facts)
-            try:
+            with self._written_end(facts):
                 await mount.move_axis(axis, 0.0)
-            except BaseException as error:
-                self._book.end_soon(row, outcome_of(error, on_wire=True), str(error) or "cancelled")
-                raise
-            finally:
-                self._state.moved()
-                kill_point(f"{_NAME} sent")
-            self._book.end_soon(row, Outcome.DONE)
 
     async def _require_rest(self, fastest_deg_s: float) -> None:
         """See that it turns no more. Raises `DeviceRefused`."""
@@ -456,14 +393,6 @@ class AxisOrders:
             self._timer = begun(self._until_its_time(), "axis-time", died=self._timer_died)
         self._changed.set()
 
-    def _no_countdown(self) -> None:
-        task, self._timer = self._timer, None
-        if task is not None and task is not asyncio.current_task():
-            task.cancel()
-
-    def _timer_died(self, fault: Exception) -> None:
-        self.ending.begin(f"nobody counts its time: {fault_words(fault)}")
-
     async def _until_its_time(self) -> None:
         while self._moved:
             self._changed.clear()
@@ -476,26 +405,8 @@ class AxisOrders:
                 except MountnavError:
                     return  # it is tried on
                 continue
-            await self._wait(min(moved.until_s for moved in self._moved.values()) - now_s)
-
-    async def _wait(self, seconds: float) -> None:
-        from mountnav.tasks import waited_for
-
-        waiting = [waited_for(self._clock.sleep(max(seconds, 0.0))), waited_for(self._changed.wait())]
-        try:
-            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for task in waiting:
-                task.cancel()
-            await asyncio.gather(*waiting, return_exceptions=True)
-
-    # -- what happens to the mount -----------------------------------------------------------------
-
-    def _said(self, what: str, facts: object) -> None:
-        if what in ("link-lost", "untrusted"):
-            self.ending.begin(f"{what}")
-        elif what in ("link-back", "connected"):
-            self.ending.wake()
+            left_s = min(moved.until_s for moved in self._moved.values()) - now_s
+            await first_of(self._clock.sleep(max(left_s, 0.0)), self._changed.wait())
 
 
 def _in(span: RateSpan, rate_deg_s: float) -> bool:

@@ -20,10 +20,8 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Final
 
-from mountnav.clock import Clock
 from mountnav.devices import (
     STARS_RATES,
-    Mount,
     MountReading,
     OffsetRates,
     Skill,
@@ -42,20 +40,15 @@ from mountnav.errors import (
     Refusal,
 )
 from mountnav.journal.records import EntryKind, Outcome
-from mountnav.mount.dead_man import LEFT_S, Armed
-from mountnav.mount.ending import Ending
-from mountnav.mount.following_policy import FollowingPolicy
-from mountnav.mount.kill_points import kill_point
-from mountnav.mount.limits_guard import LimitsGuard
-from mountnav.mount.mount_state import MountState
-from mountnav.mount.order_book import OrderBook, outcome_of
+from mountnav.mount.order_rooms import OrderRooms
 from mountnav.mount.path_ahead import PathAhead
-from mountnav.mount.sending import Admission, OrderResult, OvertakenError, Sender
-from mountnav.mount.tracking_watch import LEAD_S, TrackingWatch
+from mountnav.mount.self_acting import SelfActingOrders
+from mountnav.mount.sending import OrderResult, OvertakenError
+from mountnav.mount.tracking_watch import LEAD_S
 from mountnav.pointing.limits.along import Path
 from mountnav.pointing.limits.refusing import why as in_words
 from mountnav.sky.coordinates import Observed
-from mountnav.tasks import begun, fault_words
+from mountnav.tasks import begun
 
 __all__ = ["RateOrders", "RatesInForce"]
 
@@ -94,11 +87,12 @@ class RatesInForce:
         }
 
 
-class RateOrders:
+class RateOrders(SelfActingOrders):
     """Orders one mount's rates, and ends them.
 
     Parameters
     ----------
+    rooms : OrderRooms
     stop : callable
         ``stop(why)``: stops the mount, and what it follows with it if the policy says so.
     rest : callable
@@ -109,50 +103,19 @@ class RateOrders:
 
     def __init__(
         self,
-        mount: Mount,
-        guard: LimitsGuard,
-        state: MountState,
-        sender: Sender,
-        book: OrderBook,
-        admission: Admission,
-        watch: TrackingWatch,
-        clock: Clock,
-        policy: FollowingPolicy,
-        armed: Armed,
+        rooms: OrderRooms,
         *,
         stop: Callable[[str], Awaitable[None]],
         rest: Callable[[], Awaitable[None]],
         axes_move: Callable[[], bool],
     ) -> None:
-        self._mount = mount
-        self._guard = guard
-        self._state = state
-        self._sender = sender
-        self._book = book
-        self._admission = admission
-        self._watch = watch
-        self._clock = clock
-        self._policy = policy
-        self._armed = armed
-        self._stop, self._rest, self._axes_move = stop, rest, axes_move
-        self._wire = asyncio.Lock()
-        self._timer: asyncio.Task[None] | None = None
+        super().__init__(rooms, _NAME, "the rates beside the stars'", stop=stop)
+        self._rest, self._axes_move = rest, axes_move
         self._owed = False
         self._moves = 0
         self.rests = False
         """Whether it was told to stand still: the end of its rates must not have it track."""
         self.in_force: RatesInForce | None = None
-        self.ending = Ending(
-            _NAME,
-            "the rates beside the stars'",
-            once=self._end_once,
-            stop=stop,
-            owed=lambda: self._owed,
-            book=book,
-            clock=clock,
-            tell=state.tell,
-        )
-        state.listen(self._said)
 
     @property
     def owed(self) -> bool:
@@ -186,8 +149,7 @@ class RateOrders:
             await self._sent(mount, ahead, before, stops)
         if self._sender.stops != stops:
             # the mount took them after the stop
-            with contextlib.suppress(MountnavError):
-                await self.ending.now("a stop came while they were ordered")
+            await self._ended_quietly("a stop came while they were ordered")
             raise self._stopped()
 
     async def _sent(
@@ -325,33 +287,22 @@ class RateOrders:
     # -- ending ------------------------------------------------------------------------------------
 
     async def end(self, why: str) -> None:
-        """End them, and return when they are seen to have ended; nothing to end is fine.
-
-        Raises
-        ------
-        DeviceError
-            It is tried on, and the mount stopped if that doesn't help.
-        """
+        """End them, and return when they are seen to have ended. Raises as `SelfActingOrders.end`."""
         if self._owed:
             await self.ending.now(why)
 
     async def before(self, order: str) -> None:
-        """End them before an order that they must not outlive. Raises as `end`, but never before a park."""
+        """End them before an order; rates that are judged just now count as judged before it."""
         self._moves += 1
         self.rests = False
-        try:
-            await self.end(f"an order to {order}")
-        except DeviceError:
-            if order != "park":
-                raise
+        await super().before(order)
 
     async def stopped(self) -> None:
         """A stop was sent: end them too. Never raises a `MountnavError`: what fails is tried on."""
         if not self._owed:
             return
         self.rests = self.rests or await self._tracks() is False
-        with contextlib.suppress(MountnavError):
-            await self.end("a stop")
+        await self._ended_quietly("a stop")
 
     async def _tracks(self) -> bool | None:
         try:
@@ -361,26 +312,18 @@ class RateOrders:
 
     async def close(self, within_s: float) -> None:
         """The mount is let go: end them, by the policy; what can't be ended is left to the guard."""
-        if self._owed:
-            if self._policy.on_loss == "stop":
-                with contextlib.suppress(MountnavError):
-                    await self._stop("the mount is let go")
-            if self._owed:
-                self.ending.begin("the mount is let go")
-            await self.ending.over(within_s)
-        await self.ending.close()
-        self._no_countdown()
+        if self._owed and self._policy.on_loss == "stop":
+            with contextlib.suppress(MountnavError):
+                await self._stop("the mount is let go")
+        await self._let_go(within_s)
 
     async def take_up(self, why: str) -> None:
         """An earlier run of the service has left rates in force: end them. Raises as `end`."""
         if Skill.OFFSET_RATES in skills_of(self._mount) and isinstance(self._mount, TakesOffsetRates):
             self._owed = True
-            with contextlib.suppress(DeviceError):  # they are in force already, guard or none
-                self._armed.need(_NAME, self._clock.utc() + timedelta(seconds=LEFT_S))
-            await self.ending.now(why)
+            await self._end_left(why)
 
     async def _end_once(self, why: str) -> None:
-        """End them and see that they have. Raises a `MountnavError` if not."""
         if not self._owed:
             return
         await self._told_to_end(why)
@@ -400,9 +343,7 @@ class RateOrders:
             facts: dict[str, object] = {"ra_arcsec_s": 0.0, "dec_arcsec_s": 0.0, "why": why}
             if was is not None:
                 facts["ended"] = was.facts()
-            # no `Sender.send`: that waits for the disk, and for an order under way
-            row = self._book.begin_now(_NAME, self._state.segments.segment_id, facts)
-            try:
+            with self._written_end(facts):
                 await mount.set_offset_rates(STARS_RATES)
                 said = await mount.offset_rates()
                 zero = max(_ZERO_ARCSEC_S, float(getattr(mount, "offset_step_arcsec_s", 0.0)))
@@ -412,13 +353,6 @@ class RateOrders:
                         f"{said.dec_arcsec_s:.3f} ″/s still",
                         device=mount.name,
                     )
-            except BaseException as error:
-                self._book.end_soon(row, outcome_of(error, on_wire=True), str(error) or "cancelled")
-                raise
-            finally:
-                self._state.moved()
-                kill_point(f"{_NAME} sent")
-            self._book.end_soon(row, Outcome.DONE)
             self._settled()
 
     def _settled(self) -> None:
@@ -441,14 +375,6 @@ class RateOrders:
         deadline_s = self._clock.monotonic_s() + (in_force.ends_utc - self._clock.utc()).total_seconds()
         self._timer = begun(self._until_the_end(in_force, deadline_s), "rates-end", died=self._timer_died)
 
-    def _no_countdown(self) -> None:
-        task, self._timer = self._timer, None
-        if task is not None and task is not asyncio.current_task():
-            task.cancel()
-
-    def _timer_died(self, fault: Exception) -> None:
-        self.ending.begin(f"nobody counts their time: {fault_words(fault)}")
-
     async def _until_the_end(self, in_force: RatesInForce, deadline_s: float) -> None:
         while True:
             left_s = min(
@@ -469,12 +395,3 @@ class RateOrders:
                 await self._stop(why)
                 return
         self.ending.begin(why)
-
-    # -- what happens to the mount -----------------------------------------------------------------
-
-    def _said(self, what: str, facts: Mapping[str, object]) -> None:
-        """A link that is lost, a mount that was switched off: they end as soon as it can be told."""
-        if what in ("link-lost", "untrusted"):
-            self.ending.begin(f"{what}: {facts.get('why', '')}")
-        elif what in ("link-back", "connected"):
-            self.ending.wake()

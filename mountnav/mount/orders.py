@@ -10,9 +10,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import replace
 
-from mountnav.clock import Clock
 from mountnav.devices import (
-    Mount,
     MountReading,
     PierSide,
     Skill,
@@ -28,35 +26,17 @@ from mountnav.devices import (
 )
 from mountnav.errors import BadRequest, Cancelled, DeviceRefused, OutsideLimits
 from mountnav.journal.records import EntryKind, Order, Outcome
-from mountnav.mount.limits_guard import LimitsGuard, Plan
-from mountnav.mount.mount_state import MountState
-from mountnav.mount.order_book import OrderBook
-from mountnav.mount.sending import Admission, OrderResult, OvertakenError, Sender
-from mountnav.mount.tracking_watch import LEAD_S, TrackingWatch
+from mountnav.mount.limits_guard import Plan
+from mountnav.mount.order_rooms import OrderRooms, Orders
+from mountnav.mount.sending import OrderResult, OvertakenError
+from mountnav.mount.tracking_watch import LEAD_S
 from mountnav.pointing.limits import SlewCheck
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
 
 
-class SlewPlanner:
-    """Plans the slews of one mount.
-
-    Parameters
-    ----------
-    mount : Mount
-        Only asked on which side of the pier it would end.
-    sender : Sender
-        Writes refusals down.
-    """
-
-    def __init__(
-        self, mount: Mount, guard: LimitsGuard, sender: Sender, book: OrderBook, clock: Clock
-    ) -> None:
-        self._mount = mount
-        self._guard = guard
-        self._sender = sender
-        self._book = book
-        self._clock = clock
+class SlewPlanner(Orders):
+    """Plans the slews of one mount, which is only asked on which side of the pier it would end."""
 
     async def found(self, before: MountReading, place: Apparent | Icrs) -> Plan:
         """Find how to get to a place, and write nothing.
@@ -162,34 +142,12 @@ class _LegRefused(Exception):
         self.before = before
 
 
-class MotionOrders:
-    """Moves one mount; one order at a time, `Admission` sees to that.
+class MotionOrders(Orders):
+    """Moves one mount; one order at a time, `Admission` sees to that."""
 
-    Parameters
-    ----------
-    watch : TrackingWatch
-        Follows each motion, and ends it where it leaves the limits.
-    """
-
-    def __init__(
-        self,
-        mount: Mount,
-        guard: LimitsGuard,
-        state: MountState,
-        sender: Sender,
-        admission: Admission,
-        plans: SlewPlanner,
-        watch: TrackingWatch,
-        clock: Clock,
-    ) -> None:
-        self._mount = mount
-        self._guard = guard
-        self._state = state
-        self._sender = sender
-        self._admission = admission
+    def __init__(self, rooms: OrderRooms, plans: SlewPlanner) -> None:
+        super().__init__(rooms)
         self._plans = plans
-        self._watch = watch
-        self._clock = clock
         self._before: Callable[[str], Awaitable[None]] | None = None
 
     def before_moving(self, end: Callable[[str], Awaitable[None]]) -> None:
@@ -332,24 +290,8 @@ class MotionOrders:
         return outcome
 
 
-class BriefOrders:
+class BriefOrders(Orders):
     """Gives one mount the orders that nobody has to follow on their way."""
-
-    def __init__(
-        self,
-        mount: Mount,
-        guard: LimitsGuard,
-        sender: Sender,
-        admission: Admission,
-        watch: TrackingWatch,
-        clock: Clock,
-    ) -> None:
-        self._mount = mount
-        self._guard = guard
-        self._sender = sender
-        self._admission = admission
-        self._watch = watch
-        self._clock = clock
 
     async def give(
         self,
@@ -416,24 +358,8 @@ _SYNC_OUTCOMES = {
 }
 
 
-class SyncOrders:
+class SyncOrders(Orders):
     """Syncs one mount."""
-
-    def __init__(
-        self,
-        mount: Mount,
-        guard: LimitsGuard,
-        state: MountState,
-        sender: Sender,
-        admission: Admission,
-        clock: Clock,
-    ) -> None:
-        self._mount = mount
-        self._guard = guard
-        self._state = state
-        self._sender = sender
-        self._admission = admission
-        self._clock = clock
 
     async def sync(self, place: Apparent | Icrs) -> SyncResult:
         """Tell the mount that it points there. See `CheckedMount.sync`."""

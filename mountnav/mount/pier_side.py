@@ -12,18 +12,13 @@ import numpy as np
 from mountnav.devices import PierSide
 from mountnav.errors import DeviceRefused, LimitKind, OutsideLimits
 from mountnav.pointing.limits import Limits, SlewCheck
-from mountnav.pointing.limits.postures import (
-    COUNTERWEIGHT_DOWN_DEG,
-    Standing,
-    Way,
-    from_the_meridian_deg,
-    side_by_rule,
-)
+from mountnav.pointing.limits.postures import Standing, Way, from_the_meridian_deg, side_by_rule
 from mountnav.pointing.limits.scene import Scene
 from mountnav.pointing.limits.slews import STAYS_ROOM_DEG
 from mountnav.pointing.limits.ways import strays_deg
 from mountnav.sky.chain import hour_angle_to_icrs
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, HourAngle, Icrs, Site
+from mountnav.sky.german_axes import COUNTERWEIGHT_DOWN_DEG, first_axis_deg
 from mountnav.sky.sphere import half_turn_deg
 
 __all__ = ["LOOK_AT_IT", "SIDE_PROVEN", "SideProof", "SideUnproven", "mirrored"]
@@ -189,7 +184,7 @@ class SideProof:
 def mirrored(one: Standing) -> Standing:
     """How the axes would stand that look at the same place from the other side of the pier."""
     other = PierSide.WEST if one.side is PierSide.EAST else PierSide.EAST
-    first_deg = COUNTERWEIGHT_DOWN_DEG + half_turn_deg(one.first_deg + 180.0 - COUNTERWEIGHT_DOWN_DEG)
+    first_deg = first_axis_deg(one.first_deg + 180.0)
     return replace(one, side=other, first_deg=first_deg, second_deg=180.0 - one.second_deg)
 
 

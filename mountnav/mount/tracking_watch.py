@@ -25,7 +25,7 @@ from mountnav.mount.order_book import OrderBook
 from mountnav.pointing.limits import Reached, SlewCheck
 from mountnav.pointing.limits.refusing import why
 from mountnav.sky.sphere import separation_arcsec
-from mountnav.tasks import begun, fault_words, waited_for
+from mountnav.tasks import begun, fault_words, first_of, waited_for
 
 SLEWING_S = 1.0
 """How often a motion is looked at, s. Chosen by hand. Doubled, a mount at 5°/s goes 10° between two looks."""
@@ -382,16 +382,7 @@ class TrackingWatch:
 
     async def _pause(self, seconds: float) -> None:
         """Wait, or until an order begins or ends."""
-        waiting = [
-            waited_for(self._clock.sleep(seconds)),
-            waited_for(self._wake.wait()),
-        ]
-        try:
-            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for task in waiting:
-                task.cancel()
-            await asyncio.gather(*waiting, return_exceptions=True)
+        await first_of(self._clock.sleep(seconds), self._wake.wait())
 
     # -- a look ------------------------------------------------------------------------------------
 

@@ -19,7 +19,6 @@ from mountnav.navigation.camera import Mounting, Normal, axis_angle_deg
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_hour_angle, icrs_to_observed, observed_to_icrs
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Observed, Site
 from mountnav.sky.sphere import (
-    ARCSEC_PER_RAD,
     displaced,
     half_turn_deg,
     position_angle_deg,
@@ -27,6 +26,7 @@ from mountnav.sky.sphere import (
     turn_deg,
 )
 from mountnav.solution import Solution
+from mountnav.units import ARCSEC_PER_RAD
 
 __all__ = [
     "AimPoint",

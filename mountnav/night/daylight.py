@@ -10,10 +10,9 @@ import numpy as np
 
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Air, Icrs, Site
+from mountnav.units import SECONDS_PER_DAY, UNIX_ZERO_JD
 
-_JD_UNIX = 2440587.5
-"""Julian date of 1970-01-01T00:00, where `datetime.timestamp` begins to count."""
-_TT_MINUS_UTC_DAYS = 69.184 / 86400.0
+_TT_MINUS_UTC_DAYS = 69.184 / SECONDS_PER_DAY
 """37 leap seconds since 2017 and the 32.184 s by definition. The Sun moves by 0.04″ in a second of it."""
 _DARK_BELOW_DEG = -18.0
 """The Sun's altitude at which astronomical twilight ends, by definition."""
@@ -35,8 +34,8 @@ def sun_altitude_deg(utc: datetime, site: Site) -> float:
     float
         Degrees.
     """
-    days = utc.timestamp() / 86400.0
-    earth, _ = erfa.epv00(_JD_UNIX, days + _TT_MINUS_UTC_DAYS)
+    days = utc.timestamp() / SECONDS_PER_DAY
+    earth, _ = erfa.epv00(UNIX_ZERO_JD, days + _TT_MINUS_UTC_DAYS)
     sun = -np.asarray(earth["p"])
     ra = math.degrees(math.atan2(sun[1], sun[0])) % 360.0
     dec = math.degrees(math.atan2(sun[2], math.hypot(sun[0], sun[1])))

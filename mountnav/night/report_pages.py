@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from html import escape
 
 from mountnav.night.morning_report import Centered, MorningReport
+from mountnav.units import duration_text
 
 __all__ = ["as_html", "as_markdown"]
 
@@ -50,15 +51,6 @@ def _arcsec(value: float | None) -> str:
     return f"{value:.1f}″" if value < 10.0 else f"{value:.0f}″"
 
 
-def _lasting(seconds: float | None) -> str:
-    if seconds is None:
-        return "–"
-    if seconds < 120.0:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60.0)
-    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d}"
-
-
 def _clock(utc: datetime | None) -> str:
     return "–" if utc is None else utc.astimezone(UTC).strftime("%H:%M")
 
@@ -93,8 +85,8 @@ def _figures(report: MorningReport) -> list[tuple[str, str]]:
             "–" if report.limiting_mag is None else f"{report.limiting_mag:.1f} mag",
             "faintest stars (median)",
         ),
-        (_lasting(report.centering_s), "spent centering"),
-        (_lasting(report.lost_s), "lost: failed centerings, lost links"),
+        (duration_text(report.centering_s, "–"), "spent centering"),
+        (duration_text(report.lost_s, "–"), "lost: failed centerings, lost links"),
     ]
 
 
@@ -119,7 +111,7 @@ def _markdown(report: MorningReport) -> Iterator[str]:
             yield (
                 f"| {_clock(one.utc)} | {_place(one)} | {_plain(one.outcome)}{flipped} | "
                 f"{_arcsec(one.error_before_arcsec)} | {_arcsec(one.error_after_arcsec)} | {one.tries} | "
-                f"{_lasting(one.elapsed_s)} |"
+                f"{duration_text(one.elapsed_s, '–')} |"
             )
     for title, counts in (("Looks that were not solved", report.unsolved), ("Syncs", report.syncs)):
         if counts:
@@ -135,7 +127,7 @@ def _markdown(report: MorningReport) -> Iterator[str]:
     if report.pauses:
         yield "\n## Pauses\n"
         yield from (
-            f"- {_clock(since)} to {_clock(until)}: {_lasting((until - since).total_seconds())}"
+            f"- {_clock(since)} to {_clock(until)}: {duration_text((until - since).total_seconds())}"
             for since, until in report.pauses
         )
 
@@ -182,7 +174,7 @@ def _html(report: MorningReport) -> Iterator[str]:
                     _arcsec(one.error_before_arcsec),
                     _arcsec(one.error_after_arcsec),
                     str(one.tries),
-                    _lasting(one.elapsed_s),
+                    duration_text(one.elapsed_s, "–"),
                 )
                 for one in report.centerings
             ],
@@ -206,7 +198,7 @@ def _html(report: MorningReport) -> Iterator[str]:
         yield from _table(
             ("from", "to", "lasted"),
             [
-                (_clock(since), _clock(until), _lasting((until - since).total_seconds()))
+                (_clock(since), _clock(until), duration_text((until - since).total_seconds()))
                 for since, until in report.pauses
             ],
         )

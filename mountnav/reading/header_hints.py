@@ -18,6 +18,7 @@ from mountnav.reading.header_times import (
 )
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic_inverse, separation_arcsec
+from mountnav.units import pixel_scale_arcsec
 
 #: How far a nominal place may be off: the target, or what a mount believed that was synced.
 NOMINAL_RADIUS_DEG = 2.0
@@ -220,8 +221,6 @@ def _apart_deg(a: Icrs, b: Icrs) -> float:
 
 #: No telescope or lens gives less or more.
 RANGE_ARCSEC_PX = (0.01, 600.0)
-_ARCSEC_PER_RADIAN = 206264.806
-"""Arcseconds in a radian."""
 _FOCAL_CARDS = ("FOCALLEN", "FOCAL", "FOCALLENGTH", "FOCLEN", "TELFOCAL", "CAMOPTIC")
 _PIXEL_CARDS = ("XPIXSZ", "PIXSIZE1", "XPIXELSZ", "PIXSIZE", "PIXELSIZE", "XPIXSIZE", "PIXSZ", "CCDXPIXE")
 _SCALE_CARDS = ("PIXSCALE", "SECPIX", "SECPIX1", "PIXSCAL", "PIXSCAL1", "CCDSCALE", "IM_SCALE", "SCALE")
@@ -299,7 +298,7 @@ def _optics(header: Header, comments: Comments) -> HeaderScale | None:
         return None
     focal_key, focal_mm, meters = focal
     pixel_key, pixel_um = pixel
-    scale = _ARCSEC_PER_RADIAN * 1e-3 * pixel_um / focal_mm
+    scale = pixel_scale_arcsec(pixel_um, focal_mm)
     others: tuple[float, ...] = ()
     binning = binning_from_header(header)
     if binning > 1.0:

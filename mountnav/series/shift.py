@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.identification.plate import ARCSEC_PER_RAD, Plate
+from mountnav.identification.plate import Plate
 from mountnav.identification.preliminary import Preliminary, find_shift
 from mountnav.identification.shift import Pairing, Sources
 from mountnav.identification.wcs import wcs_cards
@@ -22,6 +22,7 @@ from mountnav.series.results import FrameResult, SeriesSettings, Shift
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic_inverse
 from mountnav.solution import IdentifiedPairs, Solution
+from mountnav.units import ARCSEC_PER_RAD
 
 Array = NDArray[np.float64]
 

@@ -12,15 +12,14 @@ from mountnav.catalog.space_motion import motion_vectors, places, unit_vectors
 from mountnav.catalog.stars import Catalog, Stars
 from mountnav.simulation.seeded_random import mixed
 from mountnav.sky.coordinates import Icrs
+from mountnav.units import ARCSEC_PER_RAD
 
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint64]
 
-# Arcseconds of a radian.
-_ARCSEC_PER_RAD = 180.0 * 3600.0 / np.pi
 # Size of the cells that a star's identity is made from, rad (0.1″): stars closer together with one
 # magnitude share their error.
-_CELL_RAD = 0.1 / _ARCSEC_PER_RAD
+_CELL_RAD = 0.1 / ARCSEC_PER_RAD
 # Year for which a star's cell is found, so that its identity doesn't depend on the epoch asked for.
 _EPOCH_YR = 2000.0
 _MARGIN_DEG = 30.0 / 3600.0  # no star errs by more

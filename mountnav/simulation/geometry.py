@@ -11,8 +11,8 @@ import math
 
 from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.sky.sphere import half_turn_deg
+from mountnav.units import RAD_PER_ARCSEC
 
-_ARCSEC = math.radians(1.0 / 3600.0)
 Vector = tuple[float, float, float]
 
 
@@ -67,19 +67,19 @@ def true_direction(
         Hour angle in (-180, 180], declination in [-90, 90].
     """
     # CH: in the tube's own frame the optical axis leans towards the west: ξ = 1
-    ch = errors.ch_arcsec * _ARCSEC
+    ch = errors.ch_arcsec * RAD_PER_ARCSEC
     x, y, z = math.cos(ch), math.sin(ch), 0.0
     # ID: declination axis: η = 1
-    x, z = _turned(x, z, math.radians(dec_axis_deg) + errors.id_arcsec * _ARCSEC)
+    x, z = _turned(x, z, math.radians(dec_axis_deg) + errors.id_arcsec * RAD_PER_ARCSEC)
     # NP: the declination axis leans about the direction (equator, this hour angle): ξ = sin δ
-    z, y = _turned(z, y, errors.np_arcsec * _ARCSEC)
+    z, y = _turned(z, y, errors.np_arcsec * RAD_PER_ARCSEC)
     # IH: hour angle axis: ξ = cos δ
-    x, y = _turned(x, y, math.radians(ha_axis_deg) + errors.ih_arcsec * _ARCSEC)
+    x, y = _turned(x, y, math.radians(ha_axis_deg) + errors.ih_arcsec * RAD_PER_ARCSEC)
     # ME: about the east-west line: ξ = sin h sin δ, η = cos h
-    x, z = _turned(x, z, errors.me_arcsec * _ARCSEC)
+    x, z = _turned(x, z, errors.me_arcsec * RAD_PER_ARCSEC)
     # MA: about the line meridian-equator: ξ = -cos h sin δ, η = sin h
-    y, z = _turned(y, z, errors.ma_arcsec * _ARCSEC)
-    return _angles_deg(_drooped((x, y, z), errors.tf_arcsec * _ARCSEC, math.radians(latitude_deg)))
+    y, z = _turned(y, z, errors.ma_arcsec * RAD_PER_ARCSEC)
+    return _angles_deg(_drooped((x, y, z), errors.tf_arcsec * RAD_PER_ARCSEC, math.radians(latitude_deg)))
 
 
 def _drooped(v: Vector, flexure: float, latitude: float) -> Vector:

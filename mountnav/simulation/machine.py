@@ -7,20 +7,10 @@ from dataclasses import dataclass, fields
 from datetime import datetime
 from typing import Literal
 
-from mountnav.devices import TrackingRate
 from mountnav.errors import BadSettings
-from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
 Mounting = Literal["fork", "german"]
 AxisAngles = tuple[float, float]
-
-RATES_DEG_S: dict[TrackingRate, float] = {
-    TrackingRate.SIDEREAL: SIDEREAL_DEG_S,
-    # as INDI and the hand controls have them [INDI inditelescope.h]; king at the pole's mean refraction
-    TrackingRate.LUNAR: 14.511415 / 3600.0,
-    TrackingRate.SOLAR: 15.0 / 3600.0,
-    TrackingRate.KING: 15.0369 / 3600.0,
-}
 
 
 @dataclass(frozen=True, slots=True)

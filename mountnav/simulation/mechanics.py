@@ -19,7 +19,7 @@ from mountnav.devices import PierSide
 from mountnav.errors import Refusal
 from mountnav.simulation.belief import believing, with_future
 from mountnav.simulation.geometry import perfect_direction
-from mountnav.simulation.machine import RATES_DEG_S, Machine, Mounting
+from mountnav.simulation.machine import Machine, Mounting
 from mountnav.simulation.mechanics_motors import Order, positive
 from mountnav.simulation.mechanics_stations import MechanicsStations
 from mountnav.simulation.motion import AxisName, Goal, Stage
@@ -29,7 +29,6 @@ from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
 
 __all__ = [
-    "RATES_DEG_S",
     "AxisName",
     "Direction",
     "Machine",

@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from mountnav.devices import TrackingRate
+from mountnav.devices import TRACKING_DEG_S, TrackingRate
 from mountnav.simulation.axes import AxisPath
 from mountnav.simulation.belief import Belief
-from mountnav.simulation.machine import RATES_DEG_S, AxisAngles
+from mountnav.simulation.machine import AxisAngles
 from mountnav.simulation.rate_faults import RateFault, kept_rates
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
@@ -205,7 +205,7 @@ class Motion:
     park_axes: AxisAngles
     later: tuple[Stage, ...] = ()
     rate: TrackingRate = TrackingRate.SIDEREAL
-    custom_deg_s: tuple[float, float] = (RATES_DEG_S[TrackingRate.SIDEREAL], 0.0)
+    custom_deg_s: tuple[float, float] = (TRACKING_DEG_S[TrackingRate.SIDEREAL], 0.0)
     driven_deg_s: tuple[float | None, float | None] = (None, None)
     rate_faults: tuple[RateFault, ...] = ()
     bound_for: Literal["", "park", "home"] = ""
@@ -241,7 +241,7 @@ class Motion:
         if not on:
             return 0.0, 0.0
         if self.rate is not TrackingRate.CUSTOM:
-            return RATES_DEG_S[self.rate], 0.0
+            return TRACKING_DEG_S[self.rate], 0.0
         if self.now.rates_lost:
             return SIDEREAL_DEG_S, 0.0
         return self.followed_deg_s(*self.custom_deg_s, north)

@@ -6,9 +6,7 @@ import math
 from dataclasses import dataclass, fields
 
 from mountnav.errors import BadSettings
-
-# Arcseconds of a radian.
-_ARCSEC_PER_RAD = math.degrees(1.0) * 3600.0
+from mountnav.units import pixel_scale_arcsec
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +91,7 @@ class SimulatedOptics:
     @property
     def focal_length_mm(self) -> float:
         """Focal length that gives this scale with these pixels."""
-        return self.pixel_um * 1e-3 * _ARCSEC_PER_RAD / self.scale_arcsec_px
+        return pixel_scale_arcsec(self.pixel_um, self.scale_arcsec_px)
 
     @property
     def saturation_adu(self) -> int:
@@ -117,7 +115,7 @@ def _of_telescope(
     zero_point_mag: float,
     sky_adu_s: float,
 ) -> SimulatedOptics:
-    scale = pixel_um * 1e-3 * _ARCSEC_PER_RAD / focal_length_mm
+    scale = pixel_scale_arcsec(pixel_um, focal_length_mm)
     return SimulatedOptics(
         width_px,
         height_px,

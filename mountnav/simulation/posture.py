@@ -6,14 +6,10 @@ A place (h, δ) is seen with the axes at (h, δ), or through the pole at (h + 18
 
 from __future__ import annotations
 
-import math
-
 from mountnav.devices import PierSide
 from mountnav.simulation.machine import AxisAngles, Machine
+from mountnav.sky.german_axes import first_axis_deg, through_pole_deg
 from mountnav.sky.sphere import half_turn_deg
-
-# Angle of a German mount's first axis with its counterweight straight down; see `pointing.limits.postures`.
-_COUNTERWEIGHT_DOWN_DEG = 90.0
 
 
 def side_of(dec_axis_deg: float, machine: Machine) -> PierSide:
@@ -30,20 +26,13 @@ def axes_at(
     if machine.mounting == "fork":
         return ha_deg, dec_deg
     if side is PierSide.WEST:
-        ha_deg, dec_deg = ha_deg + 180.0, math.copysign(180.0, latitude_deg) - dec_deg
-    return _COUNTERWEIGHT_DOWN_DEG + half_turn_deg(ha_deg - _COUNTERWEIGHT_DOWN_DEG), dec_deg
-
-
-def other_side(side: PierSide) -> PierSide:
-    """Tell the side after a flip."""
-    return {PierSide.EAST: PierSide.WEST, PierSide.WEST: PierSide.EAST}.get(side, side)
+        return through_pole_deg(ha_deg, dec_deg, latitude_deg)
+    return first_axis_deg(ha_deg), dec_deg
 
 
 def flipped(axes: AxisAngles, latitude_deg: float) -> AxisAngles:
     """Axis angles that look at the same place from the other side."""
-    ha_deg, dec_deg = axes
-    ha_deg = _COUNTERWEIGHT_DOWN_DEG + half_turn_deg(ha_deg + 180.0 - _COUNTERWEIGHT_DOWN_DEG)
-    return ha_deg, math.copysign(180.0, latitude_deg) - dec_deg
+    return through_pole_deg(*axes, latitude_deg)
 
 
 def within_reach(axes: AxisAngles, machine: Machine) -> bool:
@@ -64,7 +53,7 @@ def side_for(
     wanted = PierSide.EAST if half_turn_deg(ha_deg) >= 0.0 else PierSide.WEST
     if machine.side_rule == "stay":
         wanted = present
-    for side in (wanted, other_side(wanted)):
+    for side in (wanted, wanted.other):
         if within_reach(axes_at(ha_deg, dec_deg, machine, side, latitude_deg), machine):
             return side
     return wanted

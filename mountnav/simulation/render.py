@@ -22,19 +22,14 @@ from mountnav.simulation.trails import (
 )
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic
+from mountnav.units import DEG_PER_HOUR, julian_year, sexagesimal_text
 
 __all__ = ["SimulatedOptics", "draw_frame", "project"]
 
 Array = NDArray[np.float64]
-_J2000_UTC = datetime(2000, 1, 1, 12, tzinfo=UTC)
 # Magnitude of a star without one. Chosen by hand, an ordinary star of the catalogs.
 _UNKNOWN_MAG = 12.0
 _WINGS_ADU = 0.05  # a star is drawn out to where its profile falls below this
-
-
-def julian_year(utc: datetime) -> float:
-    """Turn the instant into a Julian year (the minute between UTC and TT moves no star)."""
-    return 2000.0 + (utc - _J2000_UTC) / timedelta(days=365.25)
 
 
 def project(center: Icrs, optics: SimulatedOptics, ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
@@ -258,17 +253,6 @@ def _header(
         "INSTRUME": optics.instrument,
     }
     if told is not None:
-        cards["OBJCTRA"] = _sexagesimal(told.ra_deg % 360.0 / 15.0, decimals=2, wrap=24)
-        cards["OBJCTDEC"] = ("-" if told.dec_deg < 0 else "+") + _sexagesimal(abs(told.dec_deg), decimals=1)
+        cards["OBJCTRA"] = sexagesimal_text(told.ra_deg % 360.0 / DEG_PER_HOUR, 2, wrap=24)
+        cards["OBJCTDEC"] = sexagesimal_text(told.dec_deg, 1, plus="+")
     return cards
-
-
-def _sexagesimal(value: float, *, decimals: int, wrap: int | None = None) -> str:
-    """`value` >= 0 as "dd mm ss.s", rounded before it is split so that no 60 appears."""
-    unit = 10**decimals
-    ticks = round(value * 3600 * unit)
-    whole, ticks = divmod(ticks, 3600 * unit)
-    minutes, ticks = divmod(ticks, 60 * unit)
-    if wrap:
-        whole %= wrap
-    return f"{whole:02d} {minutes:02d} {ticks / unit:0{decimals + 3}.{decimals}f}"

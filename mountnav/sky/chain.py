@@ -33,14 +33,13 @@ from numpy.typing import NDArray
 from mountnav.sky.coordinates import Air, Apparent, GeometricHourAngle, HourAngle, Icrs, Observed, Site
 from mountnav.sky.iers import EarthOrientation, earth_orientation, tt_minus_utc_s, utc_mjd
 from mountnav.sky.sphere import half_turn_deg, turn_deg
+from mountnav.units import MJD_ZERO_JD, RAD_PER_ARCSEC, SECONDS_PER_DAY
 
 Array = NDArray[np.float64]
 
 _NODES_PER_DAY = 24
 """Full hours. Straight lines between them miss the nutation by 1.3e-5″ at most (its term of 13.7 days: 0.23″
 times its rate squared times an hour squared by eight); twice as many, a quarter of that."""
-_MJD_ZERO_JD = 2400000.5
-"""Julian date of the zero of the modified Julian date."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +67,7 @@ class SlowParts:
 @lru_cache(maxsize=64)
 def _at_node(node: int) -> Array:
     """All of it at a full hour, in one row."""
-    tt1, tt2 = _MJD_ZERO_JD + node // _NODES_PER_DAY, (node % _NODES_PER_DAY) / _NODES_PER_DAY
+    tt1, tt2 = MJD_ZERO_JD + node // _NODES_PER_DAY, (node % _NODES_PER_DAY) / _NODES_PER_DAY
     heliocentric, barycentric = erfa.epv00(tt1, tt2)
     matrix = erfa.pnm06a(tt1, tt2)
     x, y = erfa.bpn2xy(matrix)
@@ -91,7 +90,7 @@ def slow_parts(tt1: float, tt2: float) -> SlowParts:
     SlowParts
         Within 2e-5″ of what the series give.
     """
-    at = ((tt1 - _MJD_ZERO_JD) + tt2) * _NODES_PER_DAY
+    at = ((tt1 - MJD_ZERO_JD) + tt2) * _NODES_PER_DAY
     node = floor(at)
     before = _at_node(node)
     row = before + (at - node) * (_at_node(node + 1) - before)
@@ -100,12 +99,10 @@ def slow_parts(tt1: float, tt2: float) -> SlowParts:
     return SlowParts(barycentric, row[6:9], row[9:18].reshape(3, 3), float(row[18]))
 
 
-_RAD_PER_ARCSEC = math.radians(1.0 / 3600.0)
-"""An arcsecond in radians."""
 _REFRACTION_STEPS = 8
 """Iterations of the inverse refraction at most; it ends before, once it has converged to
 `_REFRACTION_DONE_RAD`."""
-_REFRACTION_DONE_RAD = 1e-4 * _RAD_PER_ARCSEC
+_REFRACTION_DONE_RAD = 1e-4 * RAD_PER_ARCSEC
 """The iteration ends when it is within 0.1 mas; doubled, positions near the horizon may be off by 0.2 mas."""
 
 
@@ -115,7 +112,7 @@ def _terrestrial(utc: datetime) -> tuple[float, float]:
     Made here and not by ``erfa.utctai``, which warns of a "dubious year" five years after its release.
     """
     day, fraction = utc_mjd(utc)
-    return _MJD_ZERO_JD + day, fraction + tt_minus_utc_s(utc) / 86400.0
+    return MJD_ZERO_JD + day, fraction + tt_minus_utc_s(utc) / SECONDS_PER_DAY
 
 
 @lru_cache(maxsize=64)
@@ -151,12 +148,12 @@ def _topocentric(utc: datetime, site: Site, air: Air, earth: EarthOrientation) -
         x,
         y,
         slow.s_rad,
-        erfa.era00(_MJD_ZERO_JD + day, fraction + earth.dut1_s / 86400.0),
+        erfa.era00(MJD_ZERO_JD + day, fraction + earth.dut1_s / SECONDS_PER_DAY),
         math.radians(site.longitude_deg),
         math.radians(site.latitude_deg),
         site.height_m,
-        earth.polar_x_arcsec * _RAD_PER_ARCSEC,
-        earth.polar_y_arcsec * _RAD_PER_ARCSEC,
+        earth.polar_x_arcsec * RAD_PER_ARCSEC,
+        earth.polar_y_arcsec * RAD_PER_ARCSEC,
         erfa.sp00(tt1, tt2),
         refraction_a,
         refraction_b,
@@ -278,7 +275,7 @@ def sidereal_time_deg(utc: datetime, site: Site) -> float:
         The instant is naive or outside 1972 to 2099.
     """
     day, fraction = utc_mjd(utc)
-    era = erfa.era00(_MJD_ZERO_JD + day, fraction + earth_orientation(utc).dut1_s / 86400.0)
+    era = erfa.era00(MJD_ZERO_JD + day, fraction + earth_orientation(utc).dut1_s / SECONDS_PER_DAY)
     _, eo = _geocentric(utc)
     return turn_deg(math.degrees(float(era) - eo) + site.longitude_deg)
 

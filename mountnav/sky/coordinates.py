@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 
+from mountnav.units import ARCSEC_PER_DEG, SECONDS_PER_DAY
+
 __all__ = [
     "SIDEREAL_ARCSEC_S",
     "SIDEREAL_DEG_S",
@@ -97,9 +99,9 @@ class Air:
     wavelength_um: float = 0.6
 
 
-SIDEREAL_DEG_S = 360.98564736629 / 86400.0
+SIDEREAL_DEG_S = 360.98564736629 / SECONDS_PER_DAY
 """Of the mean sidereal time, degrees per second of UT1 [IAU 1982]. Doubled, nothing would be followed."""
-SIDEREAL_ARCSEC_S = 3600.0 * SIDEREAL_DEG_S
+SIDEREAL_ARCSEC_S = ARCSEC_PER_DEG * SIDEREAL_DEG_S
 """The same in arcseconds: 15.041."""
-SOLAR_TO_SIDEREAL = 24.0 * SIDEREAL_DEG_S * 3600.0 / 360.0
+SOLAR_TO_SIDEREAL = SIDEREAL_DEG_S * SECONDS_PER_DAY / 360.0
 """Sidereal hours in an hour of UT1: 1.0027379."""

@@ -20,6 +20,7 @@ import astropy_iers_data
 
 from mountnav.clock import utc_now
 from mountnav.errors import BadRequest, BadSettings
+from mountnav.units import SECONDS_PER_DAY
 
 ALARM_DAYS = 60.0
 """So many days before the table of the Earth's orientation ends it is said so: time for an update. Chosen by
@@ -187,7 +188,7 @@ def utc_mjd(utc: datetime) -> tuple[int, float]:
             f"the instant {instant.isoformat()} lies outside the years 1972 to 2099", advice="check the clock"
         )
     since = instant - _MJD_ZERO
-    return since.days, (since.seconds + since.microseconds * 1e-6) / 86400.0
+    return since.days, (since.seconds + since.microseconds * 1e-6) / SECONDS_PER_DAY
 
 
 def _datetime(mjd: float) -> datetime:

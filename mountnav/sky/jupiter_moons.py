@@ -10,6 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from mountnav.units import AU_KM, J2000_JD
+
 MOONS: Final = ("io", "europa", "ganymede", "callisto")
 """Those that are here, from the planet outward."""
 SIGMA_ARCSEC: Final = {"io": 0.08, "europa": 0.06, "ganymede": 0.06, "callisto": 0.2}
@@ -18,10 +20,6 @@ wider."""
 _MASSES: Final = {"io": 4.705e-5, "europa": 2.528e-5, "ganymede": 7.805e-5, "callisto": 5.667e-5}
 """Over Jupiter's [JUP310]: the center of Jupiter goes around the system's barycenter by them, by 220 km at
 most."""
-_J2000_JD: Final = 2451545.0
-"""Julian date of J2000.0."""
-_AU_KM: Final = 149597870.700
-"""The astronomical unit, km, by definition [IAU 2012]."""
 
 
 def from_barycenter_km(name: str, jd_tt: float) -> Any:
@@ -37,9 +35,9 @@ def from_barycenter_km(name: str, jd_tt: float) -> Any:
     # 0.4 MB of Python, wanted by nobody who doesn't ask for a moon
     import astronomy
 
-    found = astronomy.JupiterMoons(astronomy.Time.FromTerrestrialTime(jd_tt - _J2000_JD))
+    found = astronomy.JupiterMoons(astronomy.Time.FromTerrestrialTime(jd_tt - J2000_JD))
     states = {one: getattr(found, one) for one in MOONS}
-    places = {one: np.array((state.x, state.y, state.z)) * _AU_KM for one, state in states.items()}
+    places = {one: np.array((state.x, state.y, state.z)) * AU_KM for one, state in states.items()}
     total = 1.0 + sum(_MASSES.values())
     center = -sum((_MASSES[one] / total * places[one] for one in MOONS), start=np.zeros(3))
     return places[name] + center

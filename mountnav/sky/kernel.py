@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from mountnav.errors import BadRequest, BadSettings
 from mountnav.files import open_buffered
+from mountnav.units import SECONDS_PER_DAY
 
 Vector = NDArray[np.float64]
 
@@ -32,8 +33,6 @@ _MOST_SEGMENTS: Final = 2000
 it takes twice as long to open."""
 _J2000_FRAME: Final = 1
 """SPICE's number of the axes of the ICRS; others are refused."""
-_SECONDS_A_DAY: Final = 86400.0
-"""By definition."""
 NAIF_IDS: Final = {
     "sun": 10,
     "moon": 301,
@@ -101,14 +100,14 @@ class Segment:
         """Place, km, and velocity, km/day, from the center."""
         if not isinstance(self.table, ChebyshevTable):
             both = np.asarray(self.table.compute_and_differentiate(jd1, jd2))
-            return both[:3], both[3:] * _SECONDS_A_DAY
+            return both[:3], both[3:] * SECONDS_PER_DAY
         # jplephem's own sum takes 0.2 ms: it is made for many instants at once
         since = (jd1 - self.table.first_jd) + jd2
         length = self.table.days
         row = min(max(int(since // length), 0), self.table.coefficients.shape[0] - 1)
         s = 2.0 * (since - row * length) / length - 1.0
         found = self.table.coefficients[row] @ _polynomials(s, self.table.coefficients.shape[2])
-        velocity = found[3:, 0] * _SECONDS_A_DAY if found.shape[0] == 6 else found[:, 1] * (2.0 / length)
+        velocity = found[3:, 0] * SECONDS_PER_DAY if found.shape[0] == 6 else found[:, 1] * (2.0 / length)
         return found[:3, 0], velocity
 
 

@@ -21,21 +21,12 @@ from mountnav.sky.coordinates import Icrs, Site
 from mountnav.sky.iers import EarthOrientation, earth_orientation, tt_minus_utc_s, utc_mjd
 from mountnav.sky.kernel import NAIF_IDS, barycentric_state_km
 from mountnav.sky.sphere import turn_deg
+from mountnav.units import AU_KM, J2000_JD, LIGHT_KM_S, MJD_ZERO_JD, RAD_PER_ARCSEC, SECONDS_PER_DAY
 
 Vector = NDArray[np.float64]
 
-AU_KM = 149597870.700
-"""The astronomical unit, km, by definition [IAU 2012]."""
-LIGHT_KM_S = 299792.458
-"""Speed of light, km/s, by definition."""
-_MJD_ZERO_JD = 2400000.5
-"""Julian date of the zero of the modified Julian date."""
 _WGS84 = 1
 """ERFA's number of the reference ellipsoid."""
-_DAY_S = 86400.0
-"""Seconds of a day."""
-_RAD_PER_ARCSEC = math.radians(1.0 / 3600.0)
-"""An arcsecond in radians."""
 _LIGHT_STEPS = 3
 """How often the light time is asked for again; each step is v/c of the one before, 1e-4: after three nothing
 changes by a microsecond. Doubled, twice the time for nothing."""
@@ -64,11 +55,13 @@ class Instant:
 def instant(utc: datetime) -> Instant:
     """The time scales of an instant. Raises `BadRequest` for a naive one or one outside 1972 to 2099."""
     day, fraction = utc_mjd(utc)
-    jd2 = fraction + tt_minus_utc_s(utc) / _DAY_S
+    jd2 = fraction + tt_minus_utc_s(utc) / SECONDS_PER_DAY
     # the largest two terms [Explanatory Supplement 2.222-1]: within 30 µs, a meter of the Earth's way
-    g = math.radians(357.53 + 0.9856003 * (_MJD_ZERO_JD + day - 2451545.0 + jd2))
+    g = math.radians(357.53 + 0.9856003 * (MJD_ZERO_JD + day - J2000_JD + jd2))
     return Instant(
-        _MJD_ZERO_JD + day, jd2, jd2 + (0.001657 * math.sin(g) + 0.000014 * math.sin(2.0 * g)) / _DAY_S
+        MJD_ZERO_JD + day,
+        jd2,
+        jd2 + (0.001657 * math.sin(g) + 0.000014 * math.sin(2.0 * g)) / SECONDS_PER_DAY,
     )
 
 
@@ -79,10 +72,10 @@ def _matrices(utc: datetime, earth: EarthOrientation) -> tuple[Any, Any]:
     slow = slow_parts(now.jd1, now.jd2)
     x, y = erfa.bpn2xy(slow.matrix)
     day, fraction = utc_mjd(utc)
-    era = erfa.era00(_MJD_ZERO_JD + day, fraction + earth.dut1_s / _DAY_S)
+    era = erfa.era00(MJD_ZERO_JD + day, fraction + earth.dut1_s / SECONDS_PER_DAY)
     polar = erfa.pom00(
-        earth.polar_x_arcsec * _RAD_PER_ARCSEC,
-        earth.polar_y_arcsec * _RAD_PER_ARCSEC,
+        earth.polar_x_arcsec * RAD_PER_ARCSEC,
+        earth.polar_y_arcsec * RAD_PER_ARCSEC,
         erfa.sp00(now.jd1, now.jd2),
     )
     celestial = erfa.c2ixys(x, y, slow.s_rad)
@@ -119,9 +112,9 @@ def earth_barycentric_km(utc: datetime) -> tuple[Vector, Vector]:
     now = instant(utc)
     state = barycentric_state_km(NAIF_IDS["earth"], now.jd1, now.tdb2)
     if state is not None:
-        return state[0], state[1] / _DAY_S
+        return state[0], state[1] / SECONDS_PER_DAY
     _, earth = erfa.epv00(now.jd1, now.tdb2)
-    return np.asarray(earth["p"]) * AU_KM, np.asarray(earth["v"]) * AU_KM / _DAY_S
+    return np.asarray(earth["p"]) * AU_KM, np.asarray(earth["v"]) * AU_KM / SECONDS_PER_DAY
 
 
 def seen_from(
@@ -155,7 +148,7 @@ def seen_from(
     light_s = 0.0
     vector = observer
     for _ in range(_LIGHT_STEPS):
-        vector = barycentric_km(now.jd1, now.tdb2 - light_s / _DAY_S) - observer
+        vector = barycentric_km(now.jd1, now.tdb2 - light_s / SECONDS_PER_DAY) - observer
         light_s = float(np.linalg.norm(vector)) / LIGHT_KM_S
     return vector, light_s
 

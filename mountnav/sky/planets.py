@@ -20,7 +20,8 @@ from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.sky.jupiter_moons import MOONS, SIGMA_ARCSEC, from_barycenter_km
 from mountnav.sky.kernel import NAIF_IDS, barycentric_state_km, has_body, source_of
-from mountnav.sky.observer import AU_KM, direction, instant, seen_from
+from mountnav.sky.observer import direction, instant, seen_from
+from mountnav.units import AU_KM
 
 _PLAN94: Final = {"mercury": 1, "venus": 2, "mars": 4, "jupiter": 5, "saturn": 6, "uranus": 7, "neptune": 8}
 """ERFA's numbers of the planets in `plan94`."""

@@ -10,18 +10,11 @@ import erfa
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.iers import utc_mjd
 from mountnav.sky.sphere import turn_deg
+from mountnav.units import J2000_JD, JULIAN_YEAR_DAYS, MAS_PER_RAD, MJD_ZERO_JD
 
-_J2000_JD = 2451545.0
-"""Julian date of J2000.0."""
-_YEAR_DAYS = 365.25
-"""Days of a Julian year."""
-_MJD_ZERO_JD = 2400000.5
-"""Julian date of the zero of the modified Julian date."""
 _NEAREST_POLE_DEG = 90.0 - 1e-7
 """Declinations are kept so far from the poles, 0.4 mas: a proper motion in right ascension has no meaning at
 the pole itself."""
-_MAS_PER_RAD = 180.0 * 3600_000.0 / math.pi
-"""Milliarcseconds in a radian."""
 _MAS_PER_ARCSEC = 1000.0
 """Milliarcseconds in an arcsecond."""
 _ARCSEC_PER_RADYR = 326.0
@@ -65,22 +58,22 @@ def moved_to(
     # at the pole itself an angle of right ascension moves nothing
     dec_deg = min(max(place.dec_deg, -_NEAREST_POLE_DEG), _NEAREST_POLE_DEG)
     cos_dec = math.cos(math.radians(dec_deg))
-    begin_jd = _J2000_JD + (epoch_yr - 2000.0) * _YEAR_DAYS
+    begin_jd = J2000_JD + (epoch_yr - 2000.0) * JULIAN_YEAR_DAYS
     # pmsafe puts stars that would be too far away to move so fast that near by itself, and warns of it
-    motion_radyr = math.hypot(pm_ra_cosdec_masyr, pm_dec_masyr) / _MAS_PER_RAD
+    motion_radyr = math.hypot(pm_ra_cosdec_masyr, pm_dec_masyr) / MAS_PER_RAD
     if motion_radyr == 0.0:
         return place
     parallax_arcsec = max(parallax_mas / _MAS_PER_ARCSEC, 1.001 * _ARCSEC_PER_RADYR * motion_radyr, 1e-6)
     ra, dec, *_ = erfa.pmsafe(
         math.radians(place.ra_deg),
         math.radians(dec_deg),
-        pm_ra_cosdec_masyr / _MAS_PER_RAD / cos_dec,
-        pm_dec_masyr / _MAS_PER_RAD,
+        pm_ra_cosdec_masyr / MAS_PER_RAD / cos_dec,
+        pm_dec_masyr / MAS_PER_RAD,
         parallax_arcsec,
         0.0,
         begin_jd,
         0.0,
-        _MJD_ZERO_JD + day,
+        MJD_ZERO_JD + day,
         fraction,
     )
     return Icrs(turn_deg(math.degrees(float(ra))), math.degrees(float(dec)))

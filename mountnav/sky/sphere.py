@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mountnav.sky.coordinates import Apparent, GeometricHourAngle, HourAngle, Icrs, Observed
+from mountnav.units import ARCSEC_PER_RAD
 
 Place = TypeVar("Place", Icrs, Apparent, Observed, HourAngle, GeometricHourAngle)
-
-ARCSEC_PER_RAD = math.degrees(1.0) * 3600.0
-"""Arcseconds in a radian."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -47,11 +46,19 @@ from mountnav.solving.catalog_choice import (
 from mountnav.solving.contradictions import contradictions_of_hints, contradictions_with
 from mountnav.solving.settings import SolveSettings
 from mountnav.solving.special_frames import SpecialFrame, special_frame
+from mountnav.units import julian_year
 
 SPECIAL_SHARE = 0.5
 """Of the budget, for a frame that was made ordinary; chosen by hand."""
 
-__all__ = ["SolveSettings", "epoch_of", "merged_hint", "solve", "solve_file", "solve_source", "solve_stars"]
+__all__ = [
+    "SolveSettings",
+    "merged_hint",
+    "solve",
+    "solve_file",
+    "solve_source",
+    "solve_stars",
+]
 
 
 def merged_hint(header: Hint, given: Hint | None) -> Hint:
@@ -92,12 +99,6 @@ def _over(below: Hint, above: Hint) -> Hint:
             scale_source=above.scale_source,
         )
     return merged
-
-
-def epoch_of(utc: datetime) -> float:
-    """Julian year of an instant: the epoch that proper motions are carried to."""
-    # plain arithmetic: astropy warns of years before 1960, and the minute between UTC and TT moves no star
-    return 2000.0 + (utc.timestamp() - 946_728_000.0) / (365.25 * 86_400.0)
 
 
 def solve(
@@ -315,7 +316,7 @@ def _job(frame: Frame, catalog: Catalog, given: Hint | None, settings: SolveSett
         given=given,
         believed=merged_hint(frame.hint, given),
         settings=settings,
-        epoch_yr=epoch_of(utc if utc is not None else utc_now()),
+        epoch_yr=julian_year(utc if utc is not None else utc_now()),
         reach=Reach(settings.index, settings.blind),
         began_s=time.monotonic(),
         notes=frame.notes,

@@ -23,7 +23,7 @@ from mountnav.settings.observatory import Settings
 from mountnav.sky.chain import icrs_to_observed, observed_to_icrs
 from mountnav.sky.coordinates import Icrs, Observed
 from mountnav.sky.sphere import displaced
-from mountnav.solving.solve import epoch_of
+from mountnav.units import julian_year
 
 _FAR_ARCSEC = 5.0 * 3600.0
 
@@ -110,7 +110,9 @@ class Served:
             if isinstance(one, Icrs)
             and icrs_to_observed(one, now, settings.site.site, settings.air.air).alt_deg > 50.0
         ]
-        return max(high, key=lambda one: len(catalog.cone(one, 0.4, epoch_yr=epoch_of(now), mag_limit=11.0)))
+        return max(
+            high, key=lambda one: len(catalog.cone(one, 0.4, epoch_yr=julian_year(now), mag_limit=11.0))
+        )
 
     def place_at(self, alt_deg: float, az_deg: float, utc: datetime | None = None) -> Icrs:
         """What stands there now."""

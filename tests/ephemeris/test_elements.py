@@ -26,8 +26,8 @@ from mountnav.ephemeris.small_body import SmallBody, _Way
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.sky.kernel import barycentric_state_km
-from mountnav.sky.observer import AU_KM
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.units import AU_KM
 from tests.ephemeris.samples import (
     CERES_2023,
     CERES_2024,

@@ -26,8 +26,9 @@ from mountnav.errors import BadRequest
 from mountnav.sky.chain import icrs_to_observed
 from mountnav.sky.coordinates import Air
 from mountnav.sky.iers import earth_orientation
-from mountnav.sky.observer import LIGHT_KM_S, direction, earth_barycentric_km, site_geocentric_km
+from mountnav.sky.observer import direction, earth_barycentric_km, site_geocentric_km
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.units import LIGHT_KM_S
 from tests.ephemeris.samples import ISS, ISS_1, ISS_2, SITE, with_checksum
 
 GEO_1 = with_checksum("1 40874U 15042A   24170.50000000 -.00000100  00000-0  00000+0 0  999")

@@ -21,9 +21,9 @@ from mountnav.errors import BadRequest
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.sky.iers import tt_minus_utc_s
-from mountnav.sky.observer import AU_KM
 from mountnav.sky.planets import vector_to_body_km
 from mountnav.sky.sphere import separation_arcsec
+from mountnav.units import AU_KM
 from tests.ephemeris.samples import GEOCENTER, SITE, astroquery_file
 
 BEGIN = datetime(2026, 3, 1, tzinfo=UTC)

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.catalog.stars import Stars
-from mountnav.identification.plate import ARCSEC_PER_RAD, Plate, similarity_plate
+from mountnav.identification.plate import Plate, similarity_plate
 from mountnav.identification.reference import Reference, Selection
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Measurements
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic_inverse
+from mountnav.units import ARCSEC_PER_RAD
 
 Array = NDArray[np.float64]
 

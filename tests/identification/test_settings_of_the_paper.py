@@ -14,7 +14,7 @@ from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.verification import count_rule_share
 from mountnav.measuring.measure import measure
 from mountnav.sky.sphere import displaced, separation_arcsec
-from mountnav.solving.solve import epoch_of
+from mountnav.units import julian_year
 from tests.identification.listed_sky import EPOCH, asked, drawn, galactic
 
 PAPER = IdentificationSettings.profile("paper")
@@ -184,7 +184,7 @@ def test_frames_with_fewer_catalog_stars_than_measurements_are_solved(shared, na
     utc = frame.mid_exposure_utc
     assert utc is not None
     got = identify(
-        measure(frame), embedded_catalog(), asked_of(known, frame), epoch_yr=epoch_of(utc), settings=PAPER
+        measure(frame), embedded_catalog(), asked_of(known, frame), epoch_yr=julian_year(utc), settings=PAPER
     )
     assert got.reference is not None, got.detail
     assert separation_arcsec(got.reference.plate.center(), known.center) < 0.5 * known.scale_arcsec_px

@@ -15,7 +15,8 @@ from mountnav.measuring.measure import measure
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Reason
-from mountnav.solving.solve import SolveSettings, epoch_of, solve, solve_file
+from mountnav.solving.solve import SolveSettings, solve, solve_file
+from mountnav.units import julian_year
 
 pytestmark = pytest.mark.shared
 BUDGET = SolveSettings(budget_s=5.0)
@@ -128,7 +129,7 @@ def test_wrong_places_never_solve(frames):
             measurements = measure(frame)
         except BadFrame:
             continue
-        epoch_yr = epoch_of(frame.mid_exposure_utc) if frame.mid_exposure_utc else 2020.0
+        epoch_yr = julian_year(frame.mid_exposure_utc) if frame.mid_exposure_utc else 2020.0
         for _ in range(2):
             place = Icrs(chance.uniform(0, 360), math.degrees(math.asin(chance.uniform(-1, 1))))
             if known.center and separation_arcsec(place, known.center) < 20 * 3600:

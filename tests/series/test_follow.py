@@ -20,7 +20,7 @@ from mountnav.simulation.render import project
 from mountnav.simulation.trails import SatelliteTrail
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
-from mountnav.solving.solve import epoch_of
+from mountnav.units import julian_year
 from tests.series.against_catalog import place_by_catalog
 from tests.series.conftest import CENTER, OPTICS
 
@@ -317,7 +317,7 @@ def test_a_frame_is_placed_by_the_catalog_when_only_its_center_is_unknown(draw, 
         true = displaced(CENTER, east, north)
         frame = draw(number + 1, true)
         got = place_by_catalog(
-            measure(frame), plate, CENTER, catalog, epoch_yr=epoch_of(frame.mid_exposure_utc)
+            measure(frame), plate, CENTER, catalog, epoch_yr=julian_year(frame.mid_exposure_utc)
         )
         assert got.move is not None, got.preliminary.detail
         assert separation_arcsec(got.move.center, true) < 0.2 * SCALE

@@ -10,9 +10,9 @@ from astropy.time import Time
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mountnav.devices import PierSide, TrackingRate
+from mountnav.devices import TRACKING_DEG_S, PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.simulation.machine import RATES_DEG_S, Machine
+from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.chain import sidereal_time_deg
@@ -105,7 +105,7 @@ def test_no_pulse_during_a_slew_and_none_when_parked(clock) -> None:
 # -- rates ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rate", list(RATES_DEG_S))
+@pytest.mark.parametrize("rate", list(TRACKING_DEG_S))
 def test_it_tracks_at_the_rate_that_is_set(clock, rate: TrackingRate) -> None:
     mechanics = Mechanics(SITE, NO_AIR, NONE, clock=clock)
     mechanics.rate = rate
@@ -113,10 +113,10 @@ def test_it_tracks_at_the_rate_that_is_set(clock, rate: TrackingRate) -> None:
     clock.on(1.0)
     angle = mechanics.axis_angle("ha")
     clock.on(1000.0)
-    assert (mechanics.axis_angle("ha") - angle) / 1000.0 == pytest.approx(RATES_DEG_S[rate], rel=1e-9)
+    assert (mechanics.axis_angle("ha") - angle) / 1000.0 == pytest.approx(TRACKING_DEG_S[rate], rel=1e-9)
     # a day of the Sun, a turn of the stars, the Moon's 13.2 degrees a day
     per_day = {"sidereal": 360.98565, "solar": 360.0, "lunar": 348.274, "king": 360.8856}[rate.value]
-    assert RATES_DEG_S[rate] * 86400.0 == pytest.approx(per_day, abs=0.001)
+    assert TRACKING_DEG_S[rate] * 86400.0 == pytest.approx(per_day, abs=0.001)
 
 
 def test_a_slew_at_another_rate_still_ends_on_its_target(clock) -> None:

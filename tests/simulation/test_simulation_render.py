@@ -15,8 +15,9 @@ from mountnav.errors import BadSettings
 from mountnav.frames import Frame
 from mountnav.simulation.faint_stars import faint_stars
 from mountnav.simulation.optics import PRESETS, SimulatedOptics, optics_preset
-from mountnav.simulation.render import draw_frame, julian_year, project
+from mountnav.simulation.render import draw_frame, project
 from mountnav.sky.coordinates import Icrs
+from mountnav.units import julian_year
 
 WHEN = datetime(2026, 11, 21, 22, tzinfo=UTC)
 CENTER = Icrs(211.3, 54.2)

@@ -16,9 +16,10 @@ from mountnav.identification.search import Reach, identify
 from mountnav.measuring.measure import measure
 from mountnav.reading import read_frame
 from mountnav.simulation.optics import SimulatedOptics
-from mountnav.simulation.render import draw_frame, julian_year
+from mountnav.simulation.render import draw_frame
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solving.solve import SolveSettings, solve
+from mountnav.units import julian_year
 
 SIZE = 1296, 972
 FAULTS = ("soft", "coma", "undersampled", "hot pixels", "8 bits", "all of them")

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from enum import IntEnum
 
 from drivers.wire.command import Unreadable
+from mountnav.units import J2000_UTC
 
 STEP_ARCSEC = 0.01
 """The step of all angles on this wire [IOPTRON]."""
@@ -19,8 +20,6 @@ _STEPS_DEG = 360_000
 """Such steps in a degree."""
 _TURN = 360 * _STEPS_DEG
 """Such steps in a whole turn."""
-_J2000_UTC = datetime(2000, 1, 1, 12, tzinfo=UTC)
-"""The clock counts milliseconds since J2000, in UTC [IOPTRON :GUT]."""
 _MS = timedelta(milliseconds=1)
 """The unit of that count."""
 
@@ -238,7 +237,7 @@ def time_to_text(utc: datetime) -> bytes:
     ValueError
         If the instant is not after J2000.
     """
-    since_ms = round((utc - _J2000_UTC) / _MS)
+    since_ms = round((utc - J2000_UTC) / _MS)
     if not 0 <= since_ms < 10**13:
         raise ValueError(f"{utc} can't be told: the wire counts from 2000-01-01 12:00 UTC")
     return b"%013d" % since_ms
@@ -248,7 +247,7 @@ def time_from_text(text: bytes) -> datetime:
     """Read thirteen digits; raises `Unreadable` where they are no such number."""
     if re.fullmatch(rb"[0-9]{13}", text) is None:
         raise Unreadable(f"{text!r} is no time")
-    return _J2000_UTC + int(text) * _MS
+    return J2000_UTC + int(text) * _MS
 
 
 def clock_from_text(text: bytes) -> MountClock:

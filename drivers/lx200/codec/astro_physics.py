@@ -19,7 +19,7 @@ from drivers.lx200.codec.moving import OffsetWords
 from drivers.lx200.codec.site_and_time import Writing, read_clock, read_site
 from drivers.wire.command import Command, Unreadable
 from mountnav.devices import Direction, OffsetRates, PierSide, TrackingRate
-from mountnav.sky.coordinates import SIDEREAL_DEG_S
+from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S
 
 LONGEST_PULSE_MS = 999
 """A pulse has three digits [AP protocol :Mn]."""
@@ -84,8 +84,6 @@ def _pulse(direction: Direction, duration_ms: int) -> Command[None]:
     return base.quiet(sent, f"guide {direction.name.lower()} {duration_ms} ms", repeatable=False)
 
 
-_SIDEREAL_ARCSEC_S = SIDEREAL_DEG_S * 3600.0
-"""What `:RR+1.0000#` adds to the tracking rate, ″/s: one sidereal rate [AP protocol :RR]."""
 _MOST_OFFSET = 9.9999
 """Times sidereal: one digit before the point, as the document's examples have it; doubled, a second digit may
 be cut off."""
@@ -93,7 +91,7 @@ be cut off."""
 
 def _ra_offset(rates: OffsetRates) -> tuple[Command[bool], ...]:
     """A rate on top of the sidereal one, positive where the mount tracks faster, to the west [AP :RR]."""
-    times = -rates.ra_arcsec_s / _SIDEREAL_ARCSEC_S
+    times = -rates.ra_arcsec_s / SIDEREAL_ARCSEC_S
     if not abs(times) <= _MOST_OFFSET:
         raise ValueError(f"a rate of {rates.ra_arcsec_s}″/s can't be told")
     word = f":RR{times:+.4f}#".replace("-0.0000", "+0.0000")
@@ -102,8 +100,8 @@ def _ra_offset(rates: OffsetRates) -> tuple[Command[bool], ...]:
 
 OFFSETS = OffsetWords(
     set=_ra_offset,
-    most_arcsec_s=OffsetRates(_MOST_OFFSET * _SIDEREAL_ARCSEC_S, 0.0),
-    step_arcsec_s=1e-4 * _SIDEREAL_ARCSEC_S,
+    most_arcsec_s=OffsetRates(_MOST_OFFSET * SIDEREAL_ARCSEC_S, 0.0),
+    step_arcsec_s=1e-4 * SIDEREAL_ARCSEC_S,
     why_one="what a declination rate's sign means on each side of the pier is not certain for this mount",
 )
 """`:RD` counts clockwise as seen from above, "equivalent to South" by INDI's notes, which send it as north;

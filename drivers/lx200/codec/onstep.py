@@ -35,7 +35,7 @@ from drivers.lx200.codec.site_and_time import Writing, read_clock, read_site
 from drivers.wire.command import Command, Read, Unreadable
 from mountnav.devices import Direction, OffsetRates, PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.sky.coordinates import SIDEREAL_DEG_S, Site
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, SOLAR_TO_SIDEREAL, Site
 
 FINE_STEP_ARCSEC = 0.0015
 """Right ascensions have four decimals of a second of time."""
@@ -387,8 +387,6 @@ async def _guide_rate_deg_s(ask: Ask) -> float | None:
     return await ask.known(GUIDE_RATE_DEG_S)
 
 
-SIDEREAL_SECONDS = 1.00273790935
-"""Sidereal seconds in a second of time: its rates are per sidereal second [ONSTEP :SXTR]."""
 _MOST_OFFSET = 1800.0
 """Arcseconds per sidereal second; greater rates are taken for this one [ONSTEP :SXTR]."""
 _OFFSET_STEP_ARCSEC_S = 1e-6
@@ -416,7 +414,7 @@ def set_offset(axis: str, rate_arcsec_s: float) -> Command[bool]:
     ValueError
         If the firmware would take another one for it.
     """
-    rate = rate_arcsec_s / SIDEREAL_SECONDS
+    rate = rate_arcsec_s / SOLAR_TO_SIDEREAL
     if not abs(rate) <= _MOST_OFFSET:
         raise ValueError(f"a rate of {rate_arcsec_s}″/s can't be told")
     word = f":SXT{axis},{rate:.6f}#".replace("-0.000000", "0.000000")
@@ -431,12 +429,12 @@ async def _read_offsets(ask: Ask) -> OffsetRates | None:
     ra, dec = await ask.known(RA_OFFSET), await ask.known(DEC_OFFSET)
     if ra is None or dec is None:
         return None
-    return OffsetRates(ra * SIDEREAL_SECONDS, dec * SIDEREAL_SECONDS)
+    return OffsetRates(ra * SOLAR_TO_SIDEREAL, dec * SOLAR_TO_SIDEREAL)
 
 
 OFFSETS = OffsetWords(
     set=_offset_orders,
-    most_arcsec_s=OffsetRates(_MOST_OFFSET * SIDEREAL_SECONDS, _MOST_OFFSET * SIDEREAL_SECONDS),
+    most_arcsec_s=OffsetRates(_MOST_OFFSET * SOLAR_TO_SIDEREAL, _MOST_OFFSET * SOLAR_TO_SIDEREAL),
     step_arcsec_s=_OFFSET_STEP_ARCSEC_S,
     read=_read_offsets,
 )

@@ -29,13 +29,12 @@ from drivers.lx200.codec.site_and_time import Writing, read_site
 from drivers.wire.command import Command, Read, Unreadable
 from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import Refusal
+from mountnav.units import UNIX_ZERO_JD
 
 RA_STEP_ARCSEC = 0.15
 """Right ascensions have two decimals of a second of time in ultra precision."""
 LONGEST_PULSE_MS = 9999
 """A pulse has four digits [10MICRON :Mg]."""
-_JD_OF_1970 = 2440587.5
-"""Julian Date of 1970-01-01T00:00 UTC."""
 # 1970 to 2100: clocks that were never set, too
 _DAYS = range(2440588, 2488070)
 # more fields may follow in later versions [10MICRON :Ginfo#]
@@ -140,7 +139,7 @@ def info_from_text(wire: bytes) -> Info:
         raise Unreadable(f"{wire!r} has a date of no mount")
     # in two parts: one double holds a Julian date only to 40 microseconds
     utc = datetime.fromtimestamp(0.0, UTC) + timedelta(
-        days=int(days) - _JD_OF_1970, microseconds=round(float(f"0.{fraction}") * 86400e6)
+        days=int(days) - UNIX_ZERO_JD, microseconds=round(float(f"0.{fraction}") * 86400e6)
     )
     return Info(
         WireAngle(ra_h * 15.0, 15.0 * 3600.0 / 10 ** _decimals(match[1])),

@@ -15,15 +15,15 @@ from collections.abc import Callable
 from typing import cast
 
 from drivers.lx200.codec.angles import dec_from_text, degrees_to_fine_text, ra_from_text, ra_to_fine_text
-from drivers.lx200.codec.onstep import SIDEREAL_SECONDS, Status
+from drivers.lx200.codec.onstep import Status
 from drivers.lx200.fake.dialect import FakeDialect
 from drivers.lx200.fake.site_and_time import Settings
 from drivers.wire.command import Unreadable
 from mountnav.clock import utc_now
-from mountnav.devices import PierSide, TrackingRate
+from mountnav.devices import TRACKING_DEG_S, PierSide, TrackingRate
 from mountnav.errors import Refusal
-from mountnav.simulation.mechanics import RATES_DEG_S, Direction, Mechanics
-from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent
+from mountnav.simulation.mechanics import Direction, Mechanics
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, SOLAR_TO_SIDEREAL, Apparent
 
 STANDING: dict[str, bytes] = {
     "GVP": b"On-Step#",
@@ -224,7 +224,7 @@ class OnStepMotion:
 
     def follow(self, rate: TrackingRate, base_deg_s: float | None = None) -> None:
         """Track at a rate of its own; what is beside that stays."""
-        self.rate, self._base_deg_s = rate, base_deg_s or RATES_DEG_S[rate]
+        self.rate, self._base_deg_s = rate, base_deg_s or TRACKING_DEG_S[rate]
         self._retrack()
 
     def offset(self, axis: str, rate: float) -> None:
@@ -239,8 +239,8 @@ class OnStepMotion:
 
     def _retrack(self) -> None:
         mechanics = self._mechanics
-        ra, dec = (self._offsets[axis] * SIDEREAL_SECONDS / 3600.0 for axis in ("R", "D"))
-        if ra == dec == 0.0 and self._base_deg_s == RATES_DEG_S.get(self.rate):
+        ra, dec = (self._offsets[axis] * SOLAR_TO_SIDEREAL / 3600.0 for axis in ("R", "D"))
+        if ra == dec == 0.0 and self._base_deg_s == TRACKING_DEG_S.get(self.rate):
             mechanics.rate = self.rate
         else:
             mechanics.track_at(self._base_deg_s - ra, dec)

@@ -22,6 +22,7 @@ from mountnav.errors import Refusal
 from mountnav.simulation.mechanics import Direction, Mechanics
 from mountnav.sky.chain import apparent_to_icrs, icrs_to_observed, sidereal_time_deg
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent
+from mountnav.units import SECONDS_PER_DAY, UNIX_ZERO_JD
 
 MOST_POINTS = 100
 """A model holds so many stars [10MICRON]."""
@@ -293,7 +294,7 @@ class TenMicronSpeaker:
         return self.mechanics.believed_utc().astimezone(UTC)
 
     def _julian_date(self) -> float:
-        return 2440587.5 + self._utc().timestamp() / 86400.0
+        return UNIX_ZERO_JD + self._utc().timestamp() / SECONDS_PER_DAY
 
     def _sidereal_deg(self) -> float:
         return sidereal_time_deg(self._utc(), self.mechanics.believed_site)

@@ -9,6 +9,7 @@ from pathlib import Path
 from mountnav.catalog.doctor.counts import FrameSize
 from mountnav.catalog.doctor.diagnosis import CameraFacts
 from mountnav.errors import BadFrame
+from mountnav.units import ARCSEC_PER_RAD
 
 _NEWEST = 3
 """So many files are tried for one that can be read."""
@@ -166,7 +167,7 @@ def estimated_depth_mag(scale_arcsec_px: float, exposure_s: float) -> float:
         pixels of 9 µm behind f/6, 0.10 m at 3 ″/px, 0.56 m at 0.55 ″/px. Off by one or two magnitudes for
         anything else.
     """
-    aperture_cm = 0.1 * _PIXEL_MM * 206265.0 / scale_arcsec_px / _FOCAL_RATIO
+    aperture_cm = 0.1 * _PIXEL_MM * ARCSEC_PER_RAD / scale_arcsec_px / _FOCAL_RATIO
     flux = _ELECTRONS_S_CM2 * math.pi * aperture_cm**2 / 4.0
     sky = flux * 10.0 ** (-0.4 * _SKY_MAG_ARCSEC2) * scale_arcsec_px**2
     return _depth_mag(flux * exposure_s, sky * exposure_s, _READ_NOISE_E, _IMAGE_PX2) - _LESS_THAN_IDEAL_MAG

@@ -34,6 +34,7 @@ from mountnav.catalog.star_counts import density_deg2
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import utc_now
 from mountnav.sky.coordinates import Icrs
+from mountnav.units import SKY_DEG2, julian_year
 
 __all__ = [
     "CameraFacts",
@@ -199,8 +200,6 @@ by hand."""
 _MEDIAN_TO_MEAN = 0.7
 """Star density in the median of the sky over its mean, about; it serves for frames whose position is unknown.
 The origin isn't recorded. Doubled, such a frame is believed to hold twice as many stars."""
-_SKY_DEG2 = 41253.0
-"""Area of the sphere in square degrees."""
 _EPOCH_YR = 2026.0
 """Of counts for advice: a star more or less by proper motion changes no advice."""
 
@@ -425,7 +424,7 @@ def _about(catalog: Catalog, frame: FrameSize, center: Icrs | None) -> float:
     """Stars per frame that a catalog on this machine holds, from some fields' worth of sky."""
     if center is None:
         share = catalog.sky_share() if isinstance(catalog, PackedStore) else 1.0
-        return _MEDIAN_TO_MEAN * _number(catalog) / (_SKY_DEG2 * max(share, 1e-6)) * frame.area_deg2
+        return _MEDIAN_TO_MEAN * _number(catalog) / (SKY_DEG2 * max(share, 1e-6)) * frame.area_deg2
     radius_deg = min(max(math.sqrt(_FIELDS_ABOUT * frame.area_deg2 / math.pi), _LEAST_ABOUT_DEG), 20.0)
     stars = catalog.cone(center, radius_deg, epoch_yr=_EPOCH_YR, mag_limit=frame.depth_mag)
     return len(stars) * frame.area_deg2 / (math.pi * radius_deg**2)
@@ -555,12 +554,6 @@ def _kind(catalog: Catalog) -> str:
     return catalog.header.made_from.split(":", 1)[0]
 
 
-_J2000_UNIX_S = 946_728_000.0
-"""1 January 2000, 12:00 UTC, in seconds of Unix time."""
-_JULIAN_YEAR_S = 365.25 * 86400.0
-"""A Julian year in seconds."""
-
-
 def named_catalogs(catalog: Catalog) -> tuple[NamedCatalog, ...]:
     """The catalogs on this machine that a solver with this catalog asks.
 
@@ -580,7 +573,7 @@ def named_catalogs(catalog: Catalog) -> tuple[NamedCatalog, ...]:
 
 def julian_year_now() -> float:
     """The year to count stars for: proper motion matters little, and a tenth of a year nothing."""
-    return round(2000.0 + (utc_now().timestamp() - _J2000_UNIX_S) / _JULIAN_YEAR_S, 1)
+    return round(julian_year(utc_now()), 1)
 
 
 def _slug(catalog: Catalog) -> str:

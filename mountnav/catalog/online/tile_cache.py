@@ -38,6 +38,7 @@ from mountnav.catalog.space_motion import places, unit_vectors
 from mountnav.errors import BadSettings
 from mountnav.files import locked
 from mountnav.parsing import json_of
+from mountnav.units import SECONDS_PER_DAY, SKY_DEG2
 
 Array = NDArray[np.float64]
 
@@ -95,7 +96,7 @@ class Tile:
     @property
     def area_deg2(self) -> float:
         """Square degrees."""
-        return 41252.96 / (12 * self.nside**2)
+        return SKY_DEG2 / (12 * self.nside**2)
 
     def circle(self) -> Circle:
         """A circle that holds the tile with a margin."""
@@ -277,7 +278,7 @@ class Record:
 
     def age_days(self, now: datetime) -> float:
         """How old it is; negative if the clock was wrong."""
-        return (now - datetime.fromisoformat(self.fetched_utc)).total_seconds() / 86400.0
+        return (now - datetime.fromisoformat(self.fetched_utc)).total_seconds() / SECONDS_PER_DAY
 
     def is_fresh(self, now: datetime, max_age_days: float) -> bool:
         """Whether it needn't be fetched again."""

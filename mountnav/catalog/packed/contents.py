@@ -12,9 +12,8 @@ from mountnav.catalog.packed.pixels import TABLE_NSIDE, pixel_centers
 from mountnav.catalog.packed.store import PackedStore
 from mountnav.catalog.space_motion import places
 from mountnav.sky.coordinates import Icrs
+from mountnav.units import SKY_DEG2
 
-WHOLE_SKY_DEG2 = 4.0 * math.pi * (180.0 / math.pi) ** 2
-"""Area of the sphere, 41,253 square degrees."""
 SMALL_COUNT = 300_000
 """So many stars are looked at one by one."""
 LARGE_SHARE = 0.2
@@ -90,7 +89,7 @@ def contents(store: PackedStore, *, epoch_yr: float) -> Contents:
     """
     share = min(max(store.sky_share(), 1e-9), 1.0)
     mag, sigma, motion, color = _sample(store, share, epoch_yr)
-    area_deg2 = share * WHOLE_SKY_DEG2
+    area_deg2 = share * SKY_DEG2
     bins = []
     for low in range(int(np.floor(mag.min())), int(np.floor(mag.max())) + 1) if mag.size else ():
         inside = (mag >= low) & (mag < low + 1)
@@ -115,7 +114,7 @@ def _sample(store: PackedStore, share: float, epoch_yr: float) -> Sample:
     if len(store) <= SMALL_COUNT:
         found = [store.cone(Icrs(0.0, 90.0), 180.0, epoch_yr=epoch_yr)]
     else:
-        area_deg2 = STARS_IN_A_FIELD / (len(store) / (share * WHOLE_SKY_DEG2))
+        area_deg2 = STARS_IN_A_FIELD / (len(store) / (share * SKY_DEG2))
         radius_deg = math.sqrt(area_deg2 / math.pi)
         looked_at = _spread(store, radius_deg) if share > LARGE_SHARE else _bright(store)
         found = [store.cone(center, radius_deg, epoch_yr=epoch_yr) for center in looked_at]

@@ -32,10 +32,11 @@ from mountnav.catalog.packed.format import (
     proper_motions,
 )
 from mountnav.catalog.packed.pixels import Coverage, PixelChoice, Runs
-from mountnav.catalog.space_motion import MAS_RAD, motion_vectors, motions_seen, places, unit_vectors
+from mountnav.catalog.space_motion import motion_vectors, motions_seen, places, unit_vectors
 from mountnav.catalog.stars import Flags, StarFlag, Stars
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs
+from mountnav.units import RAD_PER_MAS
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -311,7 +312,7 @@ class PackedStore:
         self, file: PackedFile, axis: Array, radius_rad: float, years: float, mag_limit: float | None
     ) -> Indices:
         """Rows of all stars that may be in the cone: whole pixels, bright ends only if there is a limit."""
-        pixels = self._pixels.near(axis, radius_rad + self.header.slow_mas_yr * MAS_RAD * abs(years))
+        pixels = self._pixels.near(axis, radius_rad + self.header.slow_mas_yr * RAD_PER_MAS * abs(years))
         if mag_limit is None:
             rows = file.stars_of(pixels).all()
         else:

@@ -26,13 +26,12 @@ from mountnav.identification.blind.file_format import (
     unmap,
     unpack,
 )
+from mountnav.units import SKY_DEG2
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
-SKY_DEG2 = 41252.96
-"""Area of the sky, square degrees: 4π (180/π)²."""
 FINEST_NSIDE = 128
 """Cells of 0.21 square degrees."""
 CELL_STARS = (10, 5)

@@ -18,11 +18,12 @@ from mountnav.identification.blind.indexed_stars import IndexedStars
 from mountnav.identification.blind.quads import QUAD_QUERIES, QuadQuery, frame_codes, frame_quads
 from mountnav.identification.full import Hypothesis, Points, Search, match_radius
 from mountnav.identification.odds import Corners
-from mountnav.identification.plate import ARCSEC_PER_RAD, similarity_plate
+from mountnav.identification.plate import similarity_plate
 from mountnav.identification.rounds import SCALE_LEAST_ARCSEC_PX, SCALE_MOST_ARCSEC_PX
 from mountnav.identification.selection import spread_brightest
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.sky.coordinates import Icrs
+from mountnav.units import ARCSEC_PER_RAD
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -29,6 +29,7 @@ from mountnav.pointing.doctor.priors import (
     TURN_WEIGHTS,
     Geometry,
 )
+from mountnav.units import RAD_PER_ARCSEC
 
 GLOBAL = ("CH", "NP", "ME", "MA", "TF", "TX")
 
@@ -97,14 +98,12 @@ class Sky:
         return west * stretch, north * stretch, wrapped(angle - self.turned)
 
 
-# Radians of an arcsecond.
-ARCSEC = np.pi / 648000.0
 _ZERO_SIGMA = np.pi
 # Most Gauss-Newton steps of a fit. Chosen by hand; a fit that isn't done by then is judged where it stands.
 _ROUNDS = 8
 # A fit has converged when no prediction changes by more than this, rad (0.5″): far below the smallest noise
 # level, 4″. Doubled, still below it.
-_DONE = 0.5 * ARCSEC
+_DONE = 0.5 * RAD_PER_ARCSEC
 # Step of the numerical derivatives, rad (0.4″). Chosen by hand between rounding and curvature.
 _STEP = 2e-6
 _GLOBALS = len(GLOBAL)
@@ -192,7 +191,9 @@ class Fitted:
     def term(self, name: str) -> tuple[float, float]:
         """Value and sigma of a term, arcsec."""
         number = GLOBAL.index(name)
-        return float(self.best[number] / ARCSEC), float(np.sqrt(self.covariance[number, number]) / ARCSEC)
+        return float(self.best[number] / RAD_PER_ARCSEC), float(
+            np.sqrt(self.covariance[number, number]) / RAD_PER_ARCSEC
+        )
 
 
 class Fit:
@@ -212,8 +213,8 @@ class Fit:
         self._turns = np.isfinite(facts.turned) & use_turns
         self._sky = Sky(facts.lon, facts.lat, np.where(self._turns, facts.turned, 0.0))
         self._seen_lon, self._seen_lat = self._mechanical(facts.lon, facts.lat)
-        self._widest = np.max([one.sigmas_arcsec for one in classes], axis=0) * ARCSEC
-        self._middle = np.mean([one.terms_arcsec for one in classes], axis=0) * ARCSEC
+        self._widest = np.max([one.sigmas_arcsec for one in classes], axis=0) * RAD_PER_ARCSEC
+        self._middle = np.mean([one.terms_arcsec for one in classes], axis=0) * RAD_PER_ARCSEC
 
     def of_part(self, mask: NDArray[np.bool_]) -> Fit:
         """Make the fit of some of the observations."""
@@ -243,7 +244,7 @@ class Fit:
         x = np.concatenate((self._middle, [camera], extra))
         jacobian, miss = self._derived(lon, lat, zeros, x)
         rows = self._weights(np.array([60.0]), np.array([150.0]))[0]
-        width = self._prior_sigma(zeros, self._widest, 3600.0 * ARCSEC)
+        width = self._prior_sigma(zeros, self._widest, 3600.0 * RAD_PER_ARCSEC)
         middle = np.concatenate((self._middle, np.zeros(1 + extra.size)))
         middle[_GLOBALS] = x[_GLOBALS]
         for _ in range(_ROUNDS):
@@ -304,8 +305,8 @@ class Fit:
 
     def _weights(self, noises_arcsec: Array, turns_arcsec: Array) -> Array:
         """Inverse variances of the rows for each pair of noises; shape (pairs, 3 n)."""
-        place = self._facts.sigma**2 + (noises_arcsec[:, None] * ARCSEC) ** 2
-        turn = (turns_arcsec[:, None] * ARCSEC) ** 2 + (noises_arcsec[:, None] * ARCSEC) ** 2
+        place = self._facts.sigma**2 + (noises_arcsec[:, None] * RAD_PER_ARCSEC) ** 2
+        turn = (turns_arcsec[:, None] * RAD_PER_ARCSEC) ** 2 + (noises_arcsec[:, None] * RAD_PER_ARCSEC) ** 2
         return np.concatenate((1.0 / place, 1.0 / place, self._turns / turn), axis=1)
 
     def _prior_sigma(self, zeros: Zeros, terms: Array, between_sides: float) -> Array:
@@ -329,10 +330,10 @@ class Fit:
         logs, solved = [], []
         for one in self._classes:
             width = self._prior_sigma(
-                zeros, np.array(one.sigmas_arcsec) * ARCSEC, one.side_sigma_arcsec * ARCSEC
+                zeros, np.array(one.sigmas_arcsec) * RAD_PER_ARCSEC, one.side_sigma_arcsec * RAD_PER_ARCSEC
             )
             expected = middle.copy()
-            expected[:_GLOBALS] = np.array(one.terms_arcsec) * ARCSEC
+            expected[:_GLOBALS] = np.array(one.terms_arcsec) * RAD_PER_ARCSEC
             y = right - jacobian_used @ expected
             b = np.einsum("krp,r->kp", weighted, y)
             a = normal + np.diag(width**-2)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mountnav.pointing.doctor.evidence import ARCSEC, Fit, Fitted, Zeros
+from mountnav.pointing.doctor.evidence import Fit, Fitted, Zeros
 from mountnav.pointing.doctor.facts import Array, Facts, from_altaz, to_altaz, wrapped, wrapped_deg
 from mountnav.pointing.doctor.findings import Illness
 from mountnav.pointing.doctor.priors import (
@@ -31,6 +31,7 @@ from mountnav.pointing.doctor.priors import (
     ZEROS,
 )
 from mountnav.sky.coordinates import SOLAR_TO_SIDEREAL, Site
+from mountnav.units import RAD_PER_ARCSEC
 
 # Of a longer night's looks, so many candidates are tried for a slip or a wrong look. Chosen for speed: each
 # is a fit. Doubled, a diagnosis with many looks takes about twice as long.
@@ -102,8 +103,8 @@ def _weighed(illness: Illness | None, fitted: Fitted, share: float = 1.0) -> flo
 
 def _ordinary(fitted: Fitted, facts: Facts) -> bool:
     """Nothing sticks out of a fit with little noise and ordinary terms: no need to look for jumps."""
-    beyond = float(np.max(np.hypot(*fitted.misses.T))) / ARCSEC
-    ordinary = abs(fitted.best[:4]) / ARCSEC < np.array([2700.0, 720.0, 5400.0, 5400.0])
+    beyond = float(np.max(np.hypot(*fitted.misses.T))) / RAD_PER_ARCSEC
+    ordinary = abs(fitted.best[:4]) / RAD_PER_ARCSEC < np.array([2700.0, 720.0, 5400.0, 5400.0])
     return bool(fitted.noise_arcsec <= 60.0 and beyond < 240.0 and ordinary.all()) and len(facts) > 8
 
 

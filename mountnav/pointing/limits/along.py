@@ -33,6 +33,7 @@ from mountnav.pointing.limits.tracked import (
 )
 from mountnav.sky.chain import icrs_to_hour_angle
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, HourAngle, Icrs, Site
+from mountnav.sky.german_axes import through_pole_dec_deg
 
 if TYPE_CHECKING:
     from mountnav.pointing.limits.bounds import Limits
@@ -410,7 +411,7 @@ class _Track:
         ha_deg, dec_deg = (self._places[:, 2 * bare + one] for one in (0, 1))
         first = stands.first_deg + (ha_deg - ha_deg[0])
         if stands.mounting == "german" and stands.side is PierSide.WEST:
-            return first, math.copysign(180.0, self._site.latitude_deg) - dec_deg
+            return first, through_pole_dec_deg(dec_deg, self._site.latitude_deg)
         return first, dec_deg
 
     def depths(self) -> Depths:

@@ -18,15 +18,12 @@ from mountnav.sky.chain import sidereal_time_deg
 from mountnav.sky.coordinates import GeometricHourAngle, Site
 from mountnav.sky.iers import tt_minus_utc_s, utc_mjd
 from mountnav.sky.sphere import half_turn_deg
+from mountnav.units import AU_KM, MJD_ZERO_JD, SECONDS_PER_DAY
 
-# Julian date at which the modified Julian date is 0.
-_MJD_ZERO_JD = 2400000.5
-# Astronomical unit, m [IAU 2012 B2].
-_AU_M = 149597870700.0
 # Days that light takes for an astronomical unit (499.004784 s).
-_LIGHT_DAYS_PER_AU = 499.004784 / 86400.0
+_LIGHT_DAYS_PER_AU = 499.004784 / SECONDS_PER_DAY
 # Days that light takes from the Moon at its mean distance (1.28 s).
-_MOON_LIGHT_DAYS = 1.28 / 86400.0
+_MOON_LIGHT_DAYS = 1.28 / SECONDS_PER_DAY
 # ERFA's number of the ellipsoid WGS 84.
 _WGS84 = 1
 
@@ -64,7 +61,7 @@ def bodies(utc: datetime, site: Site) -> Bodies:
         The instant is naive or outside 1972 to 2099.
     """
     day, fraction = utc_mjd(utc)
-    tt1, tt2 = _MJD_ZERO_JD + day, fraction + tt_minus_utc_s(utc) / 86400.0
+    tt1, tt2 = MJD_ZERO_JD + day, fraction + tt_minus_utc_s(utc) / SECONDS_PER_DAY
     to_date = erfa.pnm06a(tt1, tt2)
     sidereal_deg = sidereal_time_deg(utc, site)
     observer_au = _observer_au(site, sidereal_deg)
@@ -78,7 +75,7 @@ def bodies(utc: datetime, site: Site) -> Bodies:
 
 def _observer_au(site: Site, sidereal_deg: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Place of the site from the Earth's center, along equator and equinox of date; no polar motion."""
-    x, _, z = erfa.gd2gc(_WGS84, 0.0, math.radians(site.latitude_deg), site.height_m) / _AU_M
+    x, _, z = erfa.gd2gc(_WGS84, 0.0, math.radians(site.latitude_deg), site.height_m) / (1000.0 * AU_KM)
     turn = math.radians(sidereal_deg)
     return np.array([x * math.cos(turn), x * math.sin(turn), z])
 

@@ -17,13 +17,12 @@ from mountnav.pointing.limits.postures import Standing
 from mountnav.pointing.limits.scene import Scene
 from mountnav.sky.chain import hour_angle_to_observed, icrs_to_hour_angle, icrs_to_observed
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, HourAngle, Icrs, Site
+from mountnav.units import SECONDS_PER_DAY
 
 if TYPE_CHECKING:
     from mountnav.pointing.limits.bounds import Limits
 
-# Seconds of a day: how far ahead the search goes.
-_DAY_S = 86400.0
-_SIDEREAL_DEG_PER_DAY = SIDEREAL_DEG_S * _DAY_S
+_SIDEREAL_DEG_PER_DAY = SIDEREAL_DEG_S * SECONDS_PER_DAY
 _PRECISION = timedelta(seconds=1)
 # Step of the search, s; what is allowed for less than this may be missed. Chosen by hand for speed.
 _SCAN_S = 60.0
@@ -65,14 +64,14 @@ def next_allowed(limits: Limits, target: Icrs, utc: datetime, site: Site, air: A
     # the sky turns evenly but for refraction and the Sun's own way: a guess, then the truth
     scene = Scene(limits, utc, site)
     here = icrs_to_hour_angle(target, utc, site, Air())
-    later_s = np.arange(0.0, _DAY_S + _SCAN_S, _SCAN_S)
+    later_s = np.arange(0.0, SECONDS_PER_DAY + _SCAN_S, _SCAN_S)
     # refraction turns the hour angle of what is near the pole by degrees
     near = {LimitKind.HOUR_ANGLE: 0.7 + 0.2 / max(math.cos(math.radians(here.dec_deg)), 5e-4)}
     depths = _depths(scene, here, later_s)
     inside = np.all([depth <= near.get(limit, 0.7) for limit, depth in depths.items()], axis=0)
     before = utc
     for guess_s in later_s[np.flatnonzero(inside)]:
-        at = utc + timedelta(seconds=float(min(guess_s, _DAY_S)))
+        at = utc + timedelta(seconds=float(min(guess_s, SECONDS_PER_DAY)))
         if at > before and allowed(at):
             start = max(before, at - timedelta(seconds=_SCAN_S))
             return at if allowed(start) else _first_true(allowed, start, at)

@@ -15,13 +15,11 @@ from typing import Literal
 
 from mountnav.devices import PierSide
 from mountnav.sky.coordinates import HourAngle, Observed
+from mountnav.sky.german_axes import first_axis_deg, through_pole_deg
 from mountnav.sky.sphere import half_turn_deg
 
 Mounting = Literal["german", "fork", "altaz"]
 
-# Angle of a German mount's first axis with its counterweight straight down, in the hour angle of its normal
-# posture; the axis turns 180° either way from there and never through the opposite point.
-COUNTERWEIGHT_DOWN_DEG = 90.0
 # A turn within so many degrees of half a circle may go either way round, so both ways have to be allowed.
 # Chosen by hand, above the pointing errors of mounts.
 _HALF_TURN_DOUBT_DEG = 5.0
@@ -83,9 +81,8 @@ def standing_at(
     if mounting == "fork":
         return Standing(mounting, PierSide.UNKNOWN, first_deg, second_deg)
     if side is PierSide.WEST:
-        first_deg, second_deg = first_deg + 180.0, math.copysign(180.0, latitude_deg) - second_deg
-    first_deg = COUNTERWEIGHT_DOWN_DEG + half_turn_deg(first_deg - COUNTERWEIGHT_DOWN_DEG)
-    return Standing(mounting, side, first_deg, second_deg)
+        return Standing(mounting, side, *through_pole_deg(first_deg, second_deg, latitude_deg))
+    return Standing(mounting, side, first_axis_deg(first_deg), second_deg)
 
 
 def side_by_rule(ha_deg: float) -> PierSide:

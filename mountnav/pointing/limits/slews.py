@@ -17,7 +17,6 @@ from mountnav.devices import PierSide
 from mountnav.errors import LimitKind, OutsideLimits
 from mountnav.pointing.limits import refusing
 from mountnav.pointing.limits.postures import (
-    COUNTERWEIGHT_DOWN_DEG,
     Mounting,
     Standing,
     Way,
@@ -31,6 +30,7 @@ from mountnav.pointing.limits.tracked import AT_POLE_DEG, VACUUM, reached_from
 from mountnav.pointing.limits.ways import Trouble, trouble_on
 from mountnav.sky.chain import hour_angle_to_observed, icrs_to_hour_angle
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Observed, Site
+from mountnav.sky.german_axes import COUNTERWEIGHT_DOWN_DEG
 
 if TYPE_CHECKING:
     from mountnav.pointing.limits.bounds import Limits

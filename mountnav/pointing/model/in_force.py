@@ -22,11 +22,12 @@ from mountnav.devices import PierSide
 from mountnav.errors import ModelRefused
 from mountnav.pointing.model.mechanical import Conversion, folded, looks_through_pole
 from mountnav.pointing.model.model import PointingModel
-from mountnav.pointing.model.rigorous import ARCSEC, POLE_AVOIDED_RAD, Geometry, axes_for, seen_from, wrapped
+from mountnav.pointing.model.rigorous import POLE_AVOIDED_RAD, Geometry, axes_for, seen_from, wrapped
 from mountnav.pointing.model.terms import Array, basis
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Air, Icrs, Site
 from mountnav.sky.sphere import Offset, offset_arcsec
+from mountnav.units import RAD_PER_ARCSEC
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,7 +263,7 @@ class ModelInForce:
         at = self._moment(target, utc, side)
         lon, lat = self._axes_reading(at)
         self._refuse_pole(lat, target)
-        zero = self._zero * ARCSEC
+        zero = self._zero * RAD_PER_ARCSEC
         seen = seen_from(self._geometry, np.array([lon + zero[0]]), np.array([lat + zero[1]]))[0]
         offset = offset_arcsec(self._conversion.icrs_of(seen, at), target)
         return Expected(offset, self._sigma_arcsec(lon + zero[0], lat + zero[1], utc))
@@ -277,7 +278,7 @@ class ModelInForce:
         """
         at = self._moment(target, utc, side)
         lon, lat = self._axes_seeing(target, at)
-        zero = self._zero * ARCSEC
+        zero = self._zero * RAD_PER_ARCSEC
         turned, over = lon - zero[0], lat - zero[1]
         vector = np.array(
             [math.cos(over) * math.cos(turned), math.cos(over) * math.sin(turned), math.sin(over)]
@@ -379,7 +380,7 @@ class ModelInForce:
         beyond = looks_through_pole(look.side, looked.ha_deg, self._conversion.mounting)
         read_lon, read_lat = self._folded(*self._conversion.read_place(look.reading, look), look, beyond)
         off = np.array([lon - read_lon, lat - read_lat])
-        told = wrapped(off) / ARCSEC
+        told = wrapped(off) / RAD_PER_ARCSEC
         own = look.sigma_arcsec**2 + self._resolution**2 + self._scatter**2
         sky = np.eye(2) * max(own, 1e-6) + self._model_covariance(lon, lat)
         scale = np.array([1.0 / math.cos(lat), 1.0])
@@ -413,14 +414,14 @@ class ModelInForce:
     @staticmethod
     def _joined(told: Array, error: Array, known: Array, covariance: Array) -> tuple[Array, Array]:
         gain = covariance @ np.linalg.inv(covariance + error)
-        off = wrapped((told - known) * ARCSEC) / ARCSEC
+        off = wrapped((told - known) * RAD_PER_ARCSEC) / RAD_PER_ARCSEC
         kept = np.eye(2) - gain
         # Joseph's form stays symmetric and positive
         return known + gain @ off, kept @ covariance @ kept.T + gain @ error @ gain.T
 
     @staticmethod
     def _off(told: Array, error: Array, known: Array, covariance: Array) -> float:
-        off = wrapped((told - known) * ARCSEC) / ARCSEC
+        off = wrapped((told - known) * RAD_PER_ARCSEC) / RAD_PER_ARCSEC
         return float(off @ np.linalg.solve(covariance + error, off))
 
     def _sigma_arcsec(self, lon: float, lat: float, utc: datetime) -> float:

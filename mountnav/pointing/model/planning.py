@@ -32,7 +32,7 @@ from mountnav.pointing.model.terms import Array
 from mountnav.pointing.observation import PointingObservation, observation_record, read_observations
 from mountnav.sky.chain import observed_to_hour_angle
 from mountnav.sky.coordinates import Observed, Site
-from mountnav.sky.sphere import half_turn_deg
+from mountnav.sky.german_axes import first_axis_deg, through_pole_deg
 
 MARGIN_DEG = 1.0
 """Kept from all limits: between planning and looking the sky turns, and the telescope points wrong still."""
@@ -75,8 +75,6 @@ Allowed = Callable[[float, float, PierSide], bool]
 
 # Share of a run's points that only check the model. Chosen: one in five, as in `acceptance`.
 HELD_OUT = 0.2
-# As `limits.postures.COUNTERWEIGHT_DOWN_DEG`.
-_COUNTERWEIGHT_DOWN_DEG = 90.0
 # Attempts to find the density that gives the number of points asked for. Chosen by hand.
 _MOST_ROUNDS = 60
 ANY_TIME = datetime(2000, 1, 1, tzinfo=UTC)
@@ -254,7 +252,7 @@ def _sides(
         return [PierSide.UNKNOWN] if allowed(az, alt, PierSide.UNKNOWN) else []
     ha_deg, _ = _hour_angle(az, alt, site)
     own = PierSide.EAST if ha_deg >= 0.0 else PierSide.WEST
-    other = PierSide.WEST if own is PierSide.EAST else PierSide.EAST
+    other = own.other
     free = [side for side in (own, other) if allowed(az, alt, side)]
     return free if each else free[:1]
 
@@ -269,8 +267,8 @@ def _axes(az: float, alt: float, side: PierSide, site: Site, mounting: str | Non
     if side is PierSide.UNKNOWN:
         side = PierSide.EAST if ha_deg >= 0.0 else PierSide.WEST
     if side is PierSide.WEST:
-        ha_deg, dec_deg = ha_deg + 180.0, math.copysign(180.0, site.latitude_deg) - dec_deg
-    return _COUNTERWEIGHT_DOWN_DEG + half_turn_deg(ha_deg - _COUNTERWEIGHT_DOWN_DEG), dec_deg
+        return through_pole_deg(ha_deg, dec_deg, site.latitude_deg)
+    return first_axis_deg(ha_deg), dec_deg
 
 
 def _turns(axes: Array, to: Array, wraps: bool) -> Array:

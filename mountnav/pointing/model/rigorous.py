@@ -17,9 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mountnav.pointing.model.terms import LOWEST_SIN_ELEVATION, Array, Kind, axis_place, term
-
-ARCSEC = np.pi / 648000.0
-"""Radians of an arcsecond."""
+from mountnav.units import RAD_PER_ARCSEC
 
 POLE_AVOIDED_RAD = np.radians(0.02)
 """So near the axis' own pole its angle means nothing."""
@@ -101,10 +99,10 @@ def geometry(kind: Kind, site_latitude_rad: float, coefficients_arcsec: Mapping[
     for name, value in coefficients_arcsec.items():
         if name in _ANGLES[kind]:
             angle, sign = _ANGLES[kind][name]
-            angles[angle] = sign * value * ARCSEC
+            angles[angle] = sign * value * RAD_PER_ARCSEC
         else:
             term(kind, name)
-            empirical.append((name, value * ARCSEC))
+            empirical.append((name, value * RAD_PER_ARCSEC))
     return Geometry(kind, site_latitude_rad, **angles, empirical=tuple(empirical))
 
 

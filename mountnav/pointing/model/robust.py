@@ -22,9 +22,10 @@ import numpy as np
 from mountnav.errors import ModelRefused
 from mountnav.pointing.model.linear import LinearFit, Segments, ZeroPoints, solve
 from mountnav.pointing.model.mechanical import Bools, Mechanical
-from mountnav.pointing.model.rigorous import ARCSEC, geometry, seen_from, tangent, wrapped
+from mountnav.pointing.model.rigorous import geometry, seen_from, tangent, wrapped
 from mountnav.pointing.model.terms import ZERO_POINTS, Array, basis
 from mountnav.pointing.model.visits import RAYLEIGH_MEDIAN
+from mountnav.units import RAD_PER_ARCSEC
 
 # Bound of Tukey's biweight in sigmas: 95 % efficient for normal errors [Holland & Welsch 1977]. Doubled,
 # gross errors pull at the fit.
@@ -78,15 +79,15 @@ class State:
 
 def state_at(m: Mechanical, names: tuple[str, ...], coefficients: Array, zero_points: Array) -> State:
     """Predict every point rigorously and compare."""
-    lon = m.read_lon_rad + zero_points[m.segment, 0] * ARCSEC
-    lat = m.read_lat_rad + zero_points[m.segment, 1] * ARCSEC
+    lon = m.read_lon_rad + zero_points[m.segment, 0] * RAD_PER_ARCSEC
+    lat = m.read_lat_rad + zero_points[m.segment, 1] * RAD_PER_ARCSEC
     values = dict(zip(names, coefficients.tolist(), strict=True))
     plays = {name: values.pop(name) for name in PLAY if name in values}
     told = geometry(m.kind, m.site_latitude_rad, values)
     missed = m.seen - seen_from(told, lon, lat)
     along_xi, along_eta = tangent(lon, lat)
     residuals = np.stack([np.sum(missed * along_xi, axis=1), np.sum(missed * along_eta, axis=1)], axis=1)
-    residuals /= ARCSEC
+    residuals /= RAD_PER_ARCSEC
     columns = columns_at(m, names, lon, lat)
     for name, value in plays.items():
         residuals -= value * columns[:, :, names.index(name)]
@@ -110,8 +111,8 @@ def plays_told(m: Mechanical, names: tuple[str, ...]) -> tuple[str, ...]:
     """Which plays can be fitted beside these terms: both senses in one segment, often enough."""
     segments = Segments(m.segment, len(m.segment_ids))
     state = first_state(m, ())
-    lon = m.read_lon_rad + state.zero_points_arcsec[m.segment, 0] * ARCSEC
-    lat = m.read_lat_rad + state.zero_points_arcsec[m.segment, 1] * ARCSEC
+    lon = m.read_lon_rad + state.zero_points_arcsec[m.segment, 0] * RAD_PER_ARCSEC
+    lat = m.read_lat_rad + state.zero_points_arcsec[m.segment, 1] * RAD_PER_ARCSEC
     zero_points = ZeroPoints.of(segments, state.cos_lat, np.ones(len(m)))
     found: list[str] = []
     for axis, name in enumerate(PLAY):
@@ -142,7 +143,7 @@ def first_state(m: Mechanical, names: tuple[str, ...]) -> State:
         # near the pole the longitude of a point says little
         turned = wrapped(off_lon[mine] - off_lon[mine][np.argmax(weight[mine])])
         middle = _weighted_median(turned, weight[mine]) + off_lon[mine][np.argmax(weight[mine])]
-        zero_points[s] = middle / ARCSEC, np.median(off_lat[mine]) / ARCSEC
+        zero_points[s] = middle / RAD_PER_ARCSEC, np.median(off_lat[mine]) / RAD_PER_ARCSEC
     return state_at(m, names, np.zeros(len(names)), zero_points)
 
 

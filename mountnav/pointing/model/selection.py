@@ -29,7 +29,6 @@ from mountnav.pointing.model.leave_one_out import (
 )
 from mountnav.pointing.model.linear import LinearFit, Segments, ZeroPoints, solve
 from mountnav.pointing.model.mechanical import Bools, Mechanical
-from mountnav.pointing.model.rigorous import ARCSEC
 from mountnav.pointing.model.robust import PLAY, RobustFit, plays_told, robust_fit, state_at
 from mountnav.pointing.model.terms import (
     CORE,
@@ -39,6 +38,7 @@ from mountnav.pointing.model.terms import (
     basis,
     candidates,
 )
+from mountnav.units import RAD_PER_ARCSEC
 
 # Share by which a term must lower the leave-one-out RMS to be taken (1.5 %). Chosen by hand. Doubled,
 # weaker terms stay out.
@@ -196,7 +196,7 @@ class _Search:
         self.steps.append(SelectionStep(term, added, loo_arcsec(self.m, fit)))
 
     def columns(self, names: Sequence[str]) -> Array:
-        zero_points = self.fit.state.zero_points_arcsec[self.m.segment] * ARCSEC
+        zero_points = self.fit.state.zero_points_arcsec[self.m.segment] * RAD_PER_ARCSEC
         lon, lat = self.m.read_lon_rad + zero_points[:, 0], self.m.read_lat_rad + zero_points[:, 1]
         return basis(self.m.kind, names, lon, lat, self.m.site_latitude_rad)
 

@@ -29,6 +29,7 @@ from mountnav.pointing.model.mechanical import Mechanical
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.model.rigorous import direction, wrapped
 from mountnav.pointing.model.terms import ALTAZ, EQUATORIAL, ZERO_POINTS, Array, Kind, term
+from mountnav.units import DEG_PER_HOUR, sexagesimal_text
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.\d*|\.\d+|\d+)")
 _COEFFICIENT = re.compile(r"\s*([=&]*)\s*([A-Z][A-Z0-9]*)\s+(\S+)(?:\s+(\S+))?\s*")
@@ -154,12 +155,12 @@ def _tpoint(lines: list[str], name: str) -> Mechanical:
                 raise ValueError(f"{len(parts)} numbers")
             star, telescope = parts[:6], parts[6:12]
             sidereal = [*parts[12:], "0"][:3]
-            lst_deg = 15.0 * _sexagesimal(sidereal)
+            lst_deg = DEG_PER_HOUR * _sexagesimal(sidereal)
             rows.append(
                 [
-                    lst_deg - 15.0 * _sexagesimal(star[:3]),
+                    lst_deg - DEG_PER_HOUR * _sexagesimal(star[:3]),
                     _sexagesimal(star[3:]),
-                    lst_deg - 15.0 * _sexagesimal(telescope[:3]),
+                    lst_deg - DEG_PER_HOUR * _sexagesimal(telescope[:3]),
                     _sexagesimal(telescope[3:]),
                 ]
             )
@@ -171,15 +172,6 @@ def _tpoint(lines: list[str], name: str) -> Mechanical:
     if latitude_deg is None:
         raise BadRequest(f"{name} tells no latitude")
     return _checked("equatorial", latitude_deg, rows, name)
-
-
-def _told(value: float, decimals: int, *, signed: bool) -> str:
-    unit = 10**decimals
-    counts = round(abs(value) * 3600.0 * unit)
-    whole, rest = divmod(counts, 3600 * unit)
-    minutes, seconds = divmod(rest, 60 * unit)
-    sign = ("-" if value < 0 else "+") if signed else ""
-    return f"{sign}{whole:02d} {minutes:02d} {seconds / unit:0{decimals + 3}.{decimals}f}"
 
 
 def write_tpoint_observations(m: Mechanical, caption: str) -> str:
@@ -195,10 +187,10 @@ def write_tpoint_observations(m: Mechanical, caption: str) -> str:
     lon, lat = (np.degrees(one) for one in m.seen_angles)
     read_lon, read_lat = np.degrees(m.read_lon_rad), np.degrees(m.read_lat_rad)
     lines = [caption.replace("\n", " ") or "mountnav", ":EQUAT", ":NODA"]
-    lines.append(_told(math.degrees(m.site_latitude_rad), 2, signed=True))
+    lines.append(sexagesimal_text(math.degrees(m.site_latitude_rad), 2, plus="+"))
     for h, d, rh, rd in zip(lon, lat, read_lon, read_lat, strict=True):
-        star = f"{_told((-h % 360.0) / 15.0, 4, signed=False)} {_told(d, 3, signed=True)}"
-        telescope = f"{_told((-rh % 360.0) / 15.0, 4, signed=False)} {_told(rd, 3, signed=True)}"
+        star = f"{sexagesimal_text(-h % 360.0 / DEG_PER_HOUR, 4)} {sexagesimal_text(d, 3, plus='+')}"
+        telescope = f"{sexagesimal_text(-rh % 360.0 / DEG_PER_HOUR, 4)} {sexagesimal_text(rd, 3, plus='+')}"
         lines.append(f"{star}  {telescope}  00 00 00.00")
     return "\n".join([*lines, "END"]) + "\n"
 

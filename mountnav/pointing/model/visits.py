@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mountnav.pointing.model.mechanical import Bools, Mechanical, Numbers
-from mountnav.pointing.model.rigorous import ARCSEC, direction, wrapped
+from mountnav.pointing.model.rigorous import direction, wrapped
 from mountnav.pointing.model.terms import Array
+from mountnav.units import RAD_PER_ARCSEC
 
 RAYLEIGH_MEDIAN = 1.1774
 """Median of a Rayleigh distribution, in its sigmas."""
@@ -70,7 +71,9 @@ def visits(m: Mechanical, residuals_arcsec: Array | None = None) -> Visits:
     scatter = 0.0
     if len(np.unique(group)) < len(m):
         if residuals_arcsec is None:
-            apart = _deviations(off * np.stack([np.cos(lat), np.ones_like(lat)], axis=1), group) / ARCSEC
+            apart = (
+                _deviations(off * np.stack([np.cos(lat), np.ones_like(lat)], axis=1), group) / RAD_PER_ARCSEC
+            )
             lonely = apart > _APART_ARCSEC
         else:
             apart = _deviations(residuals_arcsec, group)

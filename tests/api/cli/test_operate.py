@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from api.cli.app import app
-from api.cli.operate_targets import chosen_target
+from api.cli.operate_targets import TargetOptions
 from mountnav.errors import BadRequest
 from tests.client.test_client import Served, served
 
@@ -174,13 +174,13 @@ def test_something_else_that_answers_is_no_service() -> None:
 
 
 def test_a_text_is_a_position_or_a_name() -> None:
-    assert chosen_target("M31") == {"kind": "name", "name": "M31"}
-    assert chosen_target("05h34m31.9s +22d00m52s")["kind"] == "typed"
-    assert chosen_target(None, altaz="60, 170") == {"kind": "altaz", "alt_deg": 60.0, "az_deg": 170.0}
+    assert TargetOptions(target="M31").chosen() == {"kind": "name", "name": "M31"}
+    assert TargetOptions(target="05h34m31.9s +22d00m52s").chosen()["kind"] == "typed"
+    assert TargetOptions(altaz="60, 170").chosen() == {"kind": "altaz", "alt_deg": 60.0, "az_deg": 170.0}
 
 
 def test_a_file_that_is_too_large_is_refused(tmp_path: Path) -> None:
     large = tmp_path / "table.csv"
     large.write_bytes(b"x" * (1 << 20) + b"x")
     with pytest.raises(BadRequest, match="larger than 1 MB"):
-        chosen_target(None, table=large)
+        TargetOptions(table=large).chosen()

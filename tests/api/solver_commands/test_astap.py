@@ -540,7 +540,7 @@ def test_the_best_focus_lies_where_stars_are_smallest(
 @pytest.fixture(scope="module")
 def astap_stars(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from benchmarks.peers.astap_stars import write_database
-    from mountnav.simulation.render import julian_year
+    from mountnav.units import julian_year
     from tests.api.solver_commands.drawn_frames import TAKEN
 
     folder = tmp_path_factory.mktemp("stars")

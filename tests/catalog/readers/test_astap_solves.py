@@ -15,8 +15,9 @@ from astropy.io import fits
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.readers import open_reader
 from mountnav.simulation.optics import SimulatedOptics
-from mountnav.simulation.render import draw_frame, julian_year
+from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import Icrs
+from mountnav.units import julian_year
 from tests.catalog.readers.astap_files import Star, label, raw_place, write_areas
 
 TAKEN = datetime(2026, 3, 1, 3, tzinfo=UTC)

@@ -16,9 +16,9 @@ from drivers.ioptron.fake import FAKES, MACHINE, make_fake
 from drivers.ioptron.language import ioptron_language
 from drivers.registry import open_mount
 from mountnav.clock import utc_now
-from mountnav.devices import Direction, PierSide, Skill, SlewOutcome, TrackingRate
+from mountnav.devices import TRACKING_DEG_S, Direction, PierSide, Skill, SlewOutcome, TrackingRate
 from mountnav.errors import BadRequest, DeviceRefused, Refusal
-from mountnav.simulation.mechanics import RATES_DEG_S, Mechanics
+from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Site
 from mountnav.sky.sphere import separation_arcsec
@@ -198,7 +198,7 @@ async def test_it_tracks_at_the_rate_that_is_ordered(dialect: str) -> None:
         for rate in (TrackingRate.SOLAR, TrackingRate.KING, TrackingRate.SIDEREAL, TrackingRate.LUNAR):
             await mount.set_tracking(True, rate)
             assert fake.mechanics.rate is rate
-            assert fake.mechanics.axis_velocity("ha") == pytest.approx(RATES_DEG_S[rate])
+            assert fake.mechanics.axis_velocity("ha") == pytest.approx(TRACKING_DEG_S[rate])
         await mount.set_tracking(False)
         assert fake.mechanics.axis_velocity("ha") == pytest.approx(0.0)
         assert (await mount.reading()).tracking is False

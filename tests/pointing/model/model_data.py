@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from mountnav.pointing.model.mechanical import Mechanical
-from mountnav.pointing.model.rigorous import ARCSEC, angles, axes_for, direction, geometry
+from mountnav.pointing.model.rigorous import angles, axes_for, direction, geometry
 from mountnav.pointing.model.tpoint_file import read_observations_text
+from mountnav.units import RAD_PER_ARCSEC
 
 SIX = ("IH", "ID", "CH", "ME", "MA", "TF")
 
@@ -24,11 +25,14 @@ def spoiled(m: Mechanical, seed: int, *, outliers: float = 0.08, syncs: int = 4)
     cuts = np.sort(rng.choice(np.arange(1, n), syncs, replace=False))
     segment = np.searchsorted(cuts, np.arange(n), side="right").astype(np.int64)
     angle = rng.uniform(0.0, 2.0 * np.pi, syncs)
-    jumps = 600.0 * ARCSEC * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    jumps = 600.0 * RAD_PER_ARCSEC * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     zero = np.vstack([np.zeros((1, 2)), np.cumsum(jumps, axis=0)])
     wrong = rng.choice(n, round(outliers * n), replace=False)
     lon, lat = angles(m.seen)
-    size, way = rng.uniform(600.0, 3600.0, len(wrong)) * ARCSEC, rng.uniform(0.0, 2.0 * np.pi, len(wrong))
+    size, way = (
+        rng.uniform(600.0, 3600.0, len(wrong)) * RAD_PER_ARCSEC,
+        rng.uniform(0.0, 2.0 * np.pi, len(wrong)),
+    )
     lat[wrong] += size * np.sin(way)
     lon[wrong] += size * np.cos(way) / np.cos(lat[wrong])
     made = replace(
@@ -68,7 +72,7 @@ def telescope(
     beyond = rng.random(n) < 0.5 if both_sides else np.zeros(n, dtype=bool)
     axes = axes_for(geometry(kind, latitude, coefficients), seen, beyond)
     keep = axes.reached & ~axes.near_pole
-    noise = rng.normal(0.0, noise_arcsec * ARCSEC, (n, 2))
+    noise = rng.normal(0.0, noise_arcsec * RAD_PER_ARCSEC, (n, 2))
     lon = axes.lon_rad + noise[:, 0] / np.cos(axes.lat_rad)
     return Mechanical(
         kind, latitude, seen, beyond, lon, axes.lat_rad + noise[:, 1], np.full(n, 0.5),

@@ -13,7 +13,7 @@ from mountnav.pointing.model.fit import fit
 from mountnav.pointing.model.in_force import ModelInForce, Pointing
 from mountnav.pointing.model.mechanical import Conversion, mechanical
 from mountnav.pointing.model.model import model_of
-from mountnav.pointing.model.rigorous import ARCSEC, direction, geometry, seen_from
+from mountnav.pointing.model.rigorous import direction, geometry, seen_from
 from mountnav.pointing.observation import PointingObservation
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
@@ -27,6 +27,7 @@ from mountnav.sky.chain import (
 )
 from mountnav.sky.coordinates import Air, GeometricHourAngle, HourAngle, Icrs, Observed, Site
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
+from mountnav.units import RAD_PER_ARCSEC
 
 SITE = Site(48.93, 22.27, 700.0)
 AIR = Air(930.0, 5.0, 0.7)
@@ -268,7 +269,7 @@ def test_what_it_was_not_made_for_is_refused():
     for ha in range(-180, 180, 6):
         for dec in np.arange(89.5, 90.0, 0.04):
             place = direction(np.radians([float(ha)]), np.radians([float(dec)]))[0]
-            off_arcsec = np.linalg.norm(place - pole) / ARCSEC
+            off_arcsec = np.linalg.norm(place - pole) / RAD_PER_ARCSEC
             if abs(off_arcsec - 520.0) > 100.0:
                 assert refuses(pointing, telescope.at(ha, float(dec))) == (off_arcsec < 520.0)
 

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from mountnav.errors import BadRequest
-from mountnav.pointing.model.rigorous import ARCSEC, direction, geometry, seen_from, tangent
+from mountnav.pointing.model.rigorous import direction, geometry, seen_from, tangent
 from mountnav.pointing.model.terms import ALTAZ, EQUATORIAL, ZERO_POINTS, basis, candidates, term
+from mountnav.units import RAD_PER_ARCSEC
 
 LATITUDE = math.radians(48.93)
 turns = st.floats(-180.0, 180.0)
@@ -28,7 +29,7 @@ def moved(kind, coefficients, lon, lat):
     perfect = seen_from(geometry(kind, LATITUDE, {}), lon, lat)
     xi, eta = tangent(lon, lat)
     off = with_errors - perfect
-    return np.array([np.sum(off * xi), np.sum(off * eta)]) / ARCSEC
+    return np.array([np.sum(off * xi), np.sum(off * eta)]) / RAD_PER_ARCSEC
 
 
 @pytest.mark.parametrize("kind", ["equatorial", "altaz"])
@@ -62,7 +63,7 @@ def test_empirical_terms_act_as_the_table_says(kind, lon, lat, beyond):
 
 
 def around(axis, angle_arcsec, vector):
-    return Rotation.from_rotvec(np.array(axis, dtype=float) * angle_arcsec * ARCSEC).apply(vector)
+    return Rotation.from_rotvec(np.array(axis, dtype=float) * angle_arcsec * RAD_PER_ARCSEC).apply(vector)
 
 
 @given(h=turns, dec=st.floats(-80.0, 80.0))
@@ -78,7 +79,7 @@ def test_a_raised_polar_axis_and_one_east_of_the_pole(h, dec):
     # ME > 0: the whole mount turned about the east-west line such that a star on the meridian, dec 0, is
     # seen higher; MA > 0: such that a star in the west, on the equator, is seen nearer the pole
     for name, axis in (("ME", np.cross(south, pole)), ("MA", np.cross(west, pole))):
-        off = (around(axis, 1.0, place) - place) / ARCSEC
+        off = (around(axis, 1.0, place) - place) / RAD_PER_ARCSEC
         table = basis("equatorial", [name], np.array([h]), np.array([dec]), LATITUDE)[0, :, 0]
         assert [off @ xi, off @ eta] == pytest.approx(table, abs=2e-4)
 

@@ -16,8 +16,9 @@ from api.cli.model import model_lines
 from mountnav.errors import BadRequest
 from mountnav.pointing.model.fit import fit
 from mountnav.pointing.model.model import PointingModel, model_of
-from mountnav.pointing.model.rigorous import ARCSEC, axes_for, geometry, seen_from
+from mountnav.pointing.model.rigorous import axes_for, geometry, seen_from
 from mountnav.pointing.model.terms import EQUATORIAL, Term, candidates, term
+from mountnav.units import RAD_PER_ARCSEC
 from tests.conftest import ROOT
 from tests.pointing.model.model_data import telescope
 
@@ -70,7 +71,7 @@ def test_it_is_applied_and_inverted() -> None:
     bent = geometry("equatorial", latitude, {"TOY": 45.0})
     seen = seen_from(bent, ha, dec)
     off = np.arcsin(seen[:, 2]) - dec
-    assert off / ARCSEC == pytest.approx(45.0 * np.sin(ha) * np.sin(dec), abs=0.02)
+    assert off / RAD_PER_ARCSEC == pytest.approx(45.0 * np.sin(ha) * np.sin(dec), abs=0.02)
     axes = axes_for(bent, seen, beyond)
     assert axes.lon_rad == pytest.approx(ha, abs=1e-11)
     assert axes.lat_rad == pytest.approx(dec, abs=1e-11)

@@ -33,11 +33,10 @@ from mountnav.catalog.readers.fits_tables import (
     texts,
 )
 from mountnav.errors import BadCatalog
+from mountnav.units import SKY_DEG2
 
 Array = NDArray[np.float64]
 
-_SKY_DEG2 = 41252.96
-"""Area of the sphere in square degrees."""
 _AT_MAG, _AT_PER_DEG2 = 11.5, 62.0
 """Averaged over the sky, Tycho-2's 2.55 million stars brighter than V = 11.5."""
 _DEX_PER_MAG = 0.34
@@ -71,7 +70,7 @@ def stand_in_mags(count: int, sweeps: Sequence[int], cells_nside: int) -> Array:
     starts = np.concatenate([[0], ends[:-1]])
     share = (rank - starts[sweep]) / (ends[sweep] - starts[sweep])
     deviate = np.array([NormalDist().inv_cdf(float(min(max(s, 0.005), 0.995))) for s in share])
-    per_deg2 = (sweep + 1.0) * 12.0 * cells_nside**2 / _SKY_DEG2
+    per_deg2 = (sweep + 1.0) * 12.0 * cells_nside**2 / SKY_DEG2
     middle = _AT_MAG + np.log10(per_deg2 / _AT_PER_DEG2) / _DEX_PER_MAG
     # the place of the n-th star in a count scatters by 1/sqrt(n) of the logarithm
     scatter = 1.0 / np.sqrt(sweep + 1.0) / np.log(10.0) / _DEX_PER_MAG
