@@ -11,6 +11,8 @@ from typing import Annotated
 from fastapi import Depends, Request
 
 from api.access.audit import Audit
+from api.access.keys import KeyStore
+from api.access.security import TheCaller, require_telescope
 from api.events import Events
 from api.leases.leases import Leases
 from api.listeners.listeners import Listeners
@@ -55,6 +57,7 @@ class Service:
     metrics: Metrics
     restored: RestoredState
     listeners: Listeners = field(default_factory=lambda: Listeners({}))
+    keys: KeyStore | None = None
     _halted: bool = False
 
     def solve_settings(self, telescope_id: str | None) -> SolveSettings:
@@ -203,11 +206,13 @@ async def _telescope(telescope_id: str, request: Request) -> Telescope:
     return (await _service(request)).observatory.telescope(telescope_id)
 
 
-async def _job(job_id: str, request: Request) -> Job:
+async def _job(job_id: str, request: Request, caller: TheCaller) -> Job:
     jobs = (await _service(request)).jobs
     # one that isn't remembered is asked of the journal's file, which may take a while
     found = jobs.remembered(job_id)
-    return found if found is not None else await asyncio.to_thread(jobs.get, job_id)
+    job = found if found is not None else await asyncio.to_thread(jobs.get, job_id)
+    require_telescope(caller, job.telescope)
+    return job
 
 
 TheService = Annotated[Service, Depends(_service)]

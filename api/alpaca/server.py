@@ -19,7 +19,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from api.access.callers import Caller, Face, Role
 from api.access.keys import KeyStore
-from api.access.security import address_of, caller_from_headers, require_role
+from api.access.security import address_of, caller_from_headers, require_role, require_telescope
 from api.alpaca.answering import MEMBERS, NAMES, answer, read_parameters
 from api.alpaca.codec import (
     BadParameter,
@@ -156,11 +156,14 @@ class AlpacaServer:
         try:
             caller = alpaca_caller(request.scope, self._keys(), is_open=settings.alpaca.open)
             require_role(caller, Role.VIEW)
+            # the number of a device that isn't there is refused below, in the words of the standard
+            if asked.number is not None and asked.number < len(devices):
+                require_telescope(caller, devices[asked.number].id)
         except Refused as refusal:
             found = refusal.problem
             return PlainTextResponse(words_of(found), status_code=found.status, headers=refusal.headers)
         if isinstance(asked, SetupPath):
-            return _setup(request, asked, devices)
+            return _setup(request, asked, devices, caller)
         return await self._member(request, asked, devices, caller)
 
     def _management(
@@ -221,11 +224,11 @@ async def _body(request: Request) -> bytes:
     return bytes(body) if kind == _FORM else b""
 
 
-def _setup(request: Request, asked: SetupPath, devices: list[AlpacaTelescope]) -> Response:
+def _setup(request: Request, asked: SetupPath, devices: list[AlpacaTelescope], caller: Caller) -> Response:
     if request.method != "GET":
         return _wrong_verb(request.method, "GET")
     if asked.number is None:
-        return HTMLResponse(server_page(devices))
+        return HTMLResponse(server_page([one for one in devices if caller.reaches(one.id)]))
     if asked.number >= len(devices):
         return _refused(f"there is no telescope {asked.number}")
     return HTMLResponse(telescope_page(devices[asked.number]))

@@ -35,7 +35,7 @@ class OpenStreams:
     Parameters
     ----------
     caller_of : callable
-        Who sent a request. Raises `Refused` when he is none any more.
+        Who sent a request. Raises `Refused` when he is none any more: his key was revoked, or has ended.
     """
 
     def __init__(self, app: ASGIApp, caller_of: Callable[[Scope], Caller]) -> None:
@@ -48,15 +48,17 @@ class OpenStreams:
             await self._app(scope, receive, send)
             return
         streaming = ended = False
+        opened: Caller | None = None
 
         async def checked(message: Message) -> None:
-            nonlocal streaming, ended
+            nonlocal streaming, ended, opened
             if ended:
                 return
             if message["type"] == "http.response.start":
                 kind = Headers(raw=list(message.get("headers", ()))).get("content-type", "")
                 streaming = kind.startswith("text/event-stream")
-            elif streaming and not self._may_hear(scope):
+                opened = self._caller(scope) if streaming else None
+            elif streaming and not self._may_hear(scope, opened):
                 # the server takes this for the end, and tells the application that its listener has gone
                 ended = True
                 await send({"type": "http.response.body", "body": b"", "more_body": False})
@@ -65,12 +67,18 @@ class OpenStreams:
 
         await self._app(scope, receive, checked)
 
-    def _may_hear(self, scope: Scope) -> bool:
-        try:
-            self._caller_of(scope)
-        except Refused:
+    def _may_hear(self, scope: Scope, opened: Caller | None) -> bool:
+        """Whether he is there, and may what he might as he came: what is told was chosen by that."""
+        caller = self._caller(scope)
+        if caller is None or opened is None:
             return False
-        return True
+        return (caller.role, caller.telescopes) == (opened.role, opened.telescopes)
+
+    def _caller(self, scope: Scope) -> Caller | None:
+        try:
+            return self._caller_of(scope)
+        except Refused:
+            return None
 
 
 _ASKED = (

@@ -92,11 +92,14 @@ def audit_query(
     until: datetime | None,
     before_row: int | None,
     limit: int,
+    telescopes: frozenset[str] | None = None,
 ) -> Select[Any]:
     """Rows that pass, the newest first; with `before_row`, those that were written before it."""
     query = select(audit).order_by(desc(audit.c.row_id)).limit(limit)
     if telescope is not None:
         query = query.where(audit.c.telescope == telescope)
+    if telescopes is not None:
+        query = query.where(audit.c.telescope.in_(sorted(telescopes)))
     if caller is not None:
         query = query.where(audit.c.caller == caller)
     if since is not None:

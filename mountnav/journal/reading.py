@@ -58,6 +58,8 @@ class Wanted:
     ----------
     telescope : str or None
         Rows of the whole service (``""``) don't pass a telescope's name.
+    telescopes : frozenset of str or None
+        One of these; an empty one lets nothing pass.
     kinds : frozenset of str
         Of `KINDS`: ``look``, ``command``, or an entry's kind.
     since, until : datetime or None
@@ -83,6 +85,7 @@ class Wanted:
     text: str | None = None
     segment_id: str | None = None
     run_id: str | None = None
+    telescopes: frozenset[str] | None = None
 
     def __post_init__(self) -> None:
         if unknown := sorted(self.kinds - set(KINDS)):
@@ -183,6 +186,8 @@ def chosen(table: Table, wanted: Wanted) -> Select[Any]:
     ):
         if value is not None:
             query = query.where(column == value)
+    if wanted.telescopes is not None:
+        query = query.where(columns.telescope.in_(sorted(wanted.telescopes)))
     if wanted.since is not None:
         query = query.where(columns.utc >= wanted.since)
     if wanted.until is not None:
@@ -443,6 +448,7 @@ class JournalReader:
         until: datetime | None = None,
         before_row: int | None = None,
         limit: int = 100,
+        telescopes: frozenset[str] | None = None,
     ) -> list[AuditRow]:
         """Who ordered what, newest first; with `before_row`, older than that row. Raises as `lines`."""
         query = audit_query(
@@ -452,6 +458,7 @@ class JournalReader:
             until=until,
             before_row=before_row,
             limit=limit,
+            telescopes=telescopes,
         )
         with self._reading() as connection:
             return [audit_of(row) for row in _found(connection, query)]
