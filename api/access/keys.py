@@ -106,8 +106,8 @@ class _KeyRecord(BaseModel):
 class _KeyFile(BaseModel):
     """The file.
 
-    Version 1 knows neither telescopes nor ends, and is written as long as no key has one, so that a service of
-    before goes on with it. Such a one refuses version 2 whole: it would let a narrow key do everything.
+    Version 1 knows neither telescopes nor ends, and is written as long as no key has one, so that a service
+    of before goes on with it. Such a one refuses version 2 whole: it would let a narrow key do everything.
     """
 
     model_config = ConfigDict(extra="forbid")

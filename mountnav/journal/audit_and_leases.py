@@ -81,7 +81,7 @@ def audit_values(row: AuditRow, run_id: str) -> dict[str, Any]:
 
 def audit_of(row: Mapping[str, Any]) -> AuditRow:
     """The audit of a row of `tables.audit`."""
-    return AuditRow(**{name: value for name, value in row.items() if name != "run_id"})
+    return AuditRow(**{name: row[name] for name in AuditRow.__dataclass_fields__})
 
 
 def audit_query(

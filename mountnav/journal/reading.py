@@ -22,6 +22,7 @@ from sqlalchemy.sql.elements import ColumnElement
 
 from mountnav.errors import BadRequest, JournalFailed, NotFound
 from mountnav.journal.audit_and_leases import AuditRow, LeaseRow, audit_of, audit_query, lease_of
+from mountnav.journal.audit_chain import AuditHead, head_of
 from mountnav.journal.database import (
     FAULTS,
     connectable,
@@ -462,6 +463,11 @@ class JournalReader:
         )
         with self._reading() as connection:
             return [audit_of(row) for row in _found(connection, query)]
+
+    def audit_head(self) -> AuditHead | None:
+        """Where the audit's chain stands; None without a row. Raises as `lines`."""
+        with self._reading() as connection:
+            return head_of(connection)
 
     def leases(self, telescopes: frozenset[str]) -> list[LeaseRow]:
         """Leases of these telescopes that were not ended. Raises as `lines`."""
