@@ -344,16 +344,24 @@ def test_two_services_write_one_file(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_two_services_write_one_server(postgresql: str) -> None:
     engine = connectable(database_url(postgresql), "write")
-    with engine.begin() as connection:
-        connection.execute(text("DROP SCHEMA public CASCADE"))
-        connection.execute(text("CREATE SCHEMA public"))
-    _many_writers(postgresql)
-    with engine.begin() as connection:
-        connection.execute(text("UPDATE audit SET caller = 'guest' WHERE row_id = 17"))
-    engine.dispose()
-    fault = proof(postgresql).fault
-    assert fault is not None
-    assert fault.row_id == 17
+
+    def emptied() -> None:
+        with engine.begin() as connection:
+            connection.execute(text("DROP SCHEMA public CASCADE"))
+            connection.execute(text("CREATE SCHEMA public"))
+
+    emptied()
+    try:
+        _many_writers(postgresql)
+        with engine.begin() as connection:
+            connection.execute(text("UPDATE audit SET caller = 'guest' WHERE row_id = 17"))
+        fault = proof(postgresql).fault
+        assert fault is not None
+        assert fault.row_id == 17
+    finally:
+        # other tests have the same server
+        emptied()
+        engine.dispose()
 
 
 @pytest.fixture
