@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated
@@ -11,6 +12,8 @@ from typing import Annotated
 from fastapi import Depends, Request
 
 from api.access.audit import Audit
+from api.access.keys import KeyStore
+from api.access.security import TheCaller, require_telescope
 from api.events import Events
 from api.leases.leases import Leases
 from api.listeners.listeners import Listeners
@@ -26,11 +29,14 @@ from api.solver.limits import Limits
 from api.solver.solve_settings import solve_settings
 from api.solver.solver import Solver
 from mountnav.catalog.stars import Catalog
-from mountnav.errors import DeviceError
+from mountnav.errors import DeviceError, MountnavError
+from mountnav.journal.audit_chain import open_audit_key
 from mountnav.journal.job_store import JobStore
 from mountnav.journal.sql_journal import SqlJournal, open_journal
 from mountnav.settings.observatory import Settings
 from mountnav.solving.settings import SolveSettings
+
+_log = logging.getLogger(__name__)
 
 _FIRST_READINGS_S = 5.0
 """Longest wait for the first readings of all telescopes at the start, s; chosen by hand. Doubled, a service
@@ -55,6 +61,7 @@ class Service:
     metrics: Metrics
     restored: RestoredState
     listeners: Listeners = field(default_factory=lambda: Listeners({}))
+    keys: KeyStore | None = None
     _halted: bool = False
 
     def solve_settings(self, telescope_id: str | None) -> SolveSettings:
@@ -79,6 +86,7 @@ class Service:
         await self.observatory.close()
         await self.solver.close()
         await asyncio.to_thread(self.journal.close)
+        await asyncio.to_thread(_tell_audit, self.journal, "ends")
         self.events.close()
 
 
@@ -101,6 +109,7 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         max_size_mb=settings.journal.max_size_mb,
         # a mount that slews from before must be stopped all the same
         patient=True,
+        audit_key=await asyncio.to_thread(open_audit_key, settings.journal.audit_key_path),
     )
     events = Events(settings.service.events_kept)
     ids = frozenset(telescope.id for telescope in settings.telescope)
@@ -166,6 +175,7 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     for one in observatory.telescopes:
         await restored.besides(partial(take_up, one))
     restored.start()
+    await asyncio.to_thread(_tell_audit, journal, "begins")
     metrics = Metrics(Observed(dispatcher, jobs, events, leases, journal))
     metrics.start()
     return Service(
@@ -183,6 +193,16 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         metrics,
         restored,
     )
+
+
+def _tell_audit(journal: SqlJournal, what: str) -> None:
+    """Say in the log where the audit stands: kept elsewhere, it shows that nothing was cut off later."""
+    try:
+        head = journal.reader.audit_head()
+    except MountnavError as unreadable:
+        _log.info("the service %s; the audit can't be read: %s", what, unreadable)
+    else:
+        _log.info("the service %s; the audit stands at %s", what, head or "0")
 
 
 def _as_json(report: object, job: Job) -> dict[str, object] | None:
@@ -203,11 +223,13 @@ async def _telescope(telescope_id: str, request: Request) -> Telescope:
     return (await _service(request)).observatory.telescope(telescope_id)
 
 
-async def _job(job_id: str, request: Request) -> Job:
+async def _job(job_id: str, request: Request, caller: TheCaller) -> Job:
     jobs = (await _service(request)).jobs
     # one that isn't remembered is asked of the journal's file, which may take a while
     found = jobs.remembered(job_id)
-    return found if found is not None else await asyncio.to_thread(jobs.get, job_id)
+    job = found if found is not None else await asyncio.to_thread(jobs.get, job_id)
+    require_telescope(caller, job.telescope)
+    return job
 
 
 TheService = Annotated[Service, Depends(_service)]

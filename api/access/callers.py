@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime
 from enum import StrEnum
 
 
@@ -58,6 +59,10 @@ class Caller:
         Where it came from, for the audit.
     lease_id : str or None
         The secret of the lease that it holds.
+    telescopes : frozenset of str or None
+        Those that it may see and order; None: all.
+    key_ends_utc : datetime or None
+        When its key ends; None: never, or it has none.
     """
 
     name: str
@@ -65,6 +70,12 @@ class Caller:
     face: Face
     address: str = ""
     lease_id: str | None = None
+    telescopes: frozenset[str] | None = None
+    key_ends_utc: datetime | None = None
+
+    def reaches(self, telescope_id: object) -> bool:
+        """Whether it may see this telescope, and order of it what its role may."""
+        return self.telescopes is None or telescope_id in self.telescopes
 
 
 __all__ = ["Caller", "Face", "Role"]

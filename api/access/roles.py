@@ -105,6 +105,10 @@ ROLES: Mapping[str, Role | None] = {
 LEASED = frozenset({f"POST {_TELESCOPE}/night/start", f"POST {_TELESCOPE}/night/resume"})
 """Routes that let a telescope be moved without an order to the dispatcher: they ask for the lease as well."""
 
+OF_ALL = frozenset({"GET /metrics", "GET /v1/journal/runs"})
+"""Routes that tell of all telescopes at once: a key for some of them may not ask. All others show such a key
+its own telescopes alone."""
+
 _PARAMETER = re.compile(r"\\\{[a-z_]+\\\}")
 
 

@@ -21,7 +21,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from api.access.callers import Caller, Face, Role
 from api.access.keys import KeyStore, open_keys
-from api.access.roles import LEASED, ROLES, route_of
+from api.access.roles import LEASED, OF_ALL, ROLES, route_of
 from api.problems import Problem, Refused, problem, refusal_response
 from mountnav.errors import BadRequest, NotFound
 
@@ -78,10 +78,39 @@ def caller_from_headers(
         raise Refused(found, {"WWW-Authenticate": f'{scheme} realm="mountnav"'})
     key = keys.find(given)
     if key is None:
-        found = problem("unauthorized", 401, "the key is not known, or was revoked", advice=_HOW)
+        over = keys.ended(given)
+        words, advice = "the key is not known, or was revoked", _HOW
+        if over is not None:
+            words = f"the key ended at {over.expires_utc:%Y-%m-%d %H:%M} UTC"
+            advice = "`mountnav key renew` makes a new one"
+        found = problem("unauthorized", 401, words, advice=advice)
         error = "" if basic else ', error="invalid_token"'
         raise Refused(found, {"WWW-Authenticate": f'{scheme} realm="mountnav"{error}'})
-    return Caller(key.name, key.role, face, address, lease_id)
+    return Caller(key.name, key.role, face, address, lease_id, key.telescopes, key.expires_utc)
+
+
+def require_telescope(caller: Caller, telescope_id: str) -> None:
+    """Raise `Refused` (403 `forbidden`) unless the caller's key is for this telescope."""
+    if not caller.reaches(telescope_id):
+        found = problem(
+            "forbidden",
+            403,
+            f"the key of {caller.name} is for other telescopes",
+            advice="use a key for this telescope; `mountnav key change` widens one",
+        )
+        raise Refused(found)
+
+
+def require_all_telescopes(caller: Caller) -> None:
+    """Raise `Refused` (403 `forbidden`) if the caller's key is for some telescopes alone."""
+    if caller.telescopes is not None:
+        found = problem(
+            "forbidden",
+            403,
+            f"the key of {caller.name} is for some telescopes, and this tells of all",
+            advice="use a key that is for all telescopes",
+        )
+        raise Refused(found)
 
 
 def require_role(caller: Caller, role: Role) -> None:
@@ -154,6 +183,10 @@ async def require_role_of_route(request: Request, caller: TheCaller) -> Caller:
     role = Role.CONFIGURE if route is None else ROLES[route]
     if role is not None:
         require_role(caller, role)
+    if (telescope_id := request.path_params.get("telescope_id")) is not None:
+        require_telescope(caller, telescope_id)
+    if route in OF_ALL:
+        require_all_telescopes(caller)
     if route in LEASED:
         request.app.state.service.leases.require(caller, request.path_params["telescope_id"])
     return caller

@@ -19,7 +19,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from api.access.callers import Caller, Face, Role
 from api.access.keys import KeyStore
-from api.access.security import address_of, caller_from_headers, require_role
+from api.access.security import address_of, caller_from_headers, require_role, require_telescope
 from api.alpaca.answering import MEMBERS, NAMES, answer, read_parameters
 from api.alpaca.codec import (
     BadParameter,
@@ -43,13 +43,13 @@ from api.service import Service
 __all__ = ["AlpacaServer", "alpaca_app", "alpaca_caller", "alpaca_routes"]
 
 
-def alpaca_caller(scope: Scope, keys: KeyStore, *, is_open: bool) -> Caller:
+def alpaca_caller(scope: Scope, keys: KeyStore, *, admits: Callable[[str], bool]) -> Caller:
     """The caller of a request.
 
     Parameters
     ----------
-    is_open : bool
-        Whether anyone who reaches the port may operate without a key: the standard itself knows none. A key
+    admits : callable (str) -> bool
+        Whether who comes from an address may operate without a key: the standard itself knows none. A key
         that is sent all the same counts.
 
     Raises
@@ -58,7 +58,7 @@ def alpaca_caller(scope: Scope, keys: KeyStore, *, is_open: bool) -> Caller:
         401 with WWW-Authenticate: no key, or none that is known.
     """
     headers, address = Headers(scope=scope), address_of(scope)
-    if is_open and keys.guards and "authorization" not in headers and "x-api-key" not in headers:
+    if keys.guards and admits(address) and "authorization" not in headers and "x-api-key" not in headers:
         return Caller(f"alpaca {address}", Role.OPERATE, Face.ALPACA, address)
     return caller_from_headers(headers, address, keys=keys, face=Face.ALPACA, basic=True)
 
@@ -154,13 +154,16 @@ class AlpacaServer:
         if isinstance(asked, ManagementPath):
             return self._management(request, asked, devices, settings.alpaca.location)
         try:
-            caller = alpaca_caller(request.scope, self._keys(), is_open=settings.alpaca.open)
+            caller = alpaca_caller(request.scope, self._keys(), admits=settings.alpaca.admits)
             require_role(caller, Role.VIEW)
+            # the number of a device that isn't there is refused below, in the words of the standard
+            if asked.number is not None and asked.number < len(devices):
+                require_telescope(caller, devices[asked.number].id)
         except Refused as refusal:
             found = refusal.problem
             return PlainTextResponse(words_of(found), status_code=found.status, headers=refusal.headers)
         if isinstance(asked, SetupPath):
-            return _setup(request, asked, devices)
+            return _setup(request, asked, devices, caller)
         return await self._member(request, asked, devices, caller)
 
     def _management(
@@ -221,11 +224,11 @@ async def _body(request: Request) -> bytes:
     return bytes(body) if kind == _FORM else b""
 
 
-def _setup(request: Request, asked: SetupPath, devices: list[AlpacaTelescope]) -> Response:
+def _setup(request: Request, asked: SetupPath, devices: list[AlpacaTelescope], caller: Caller) -> Response:
     if request.method != "GET":
         return _wrong_verb(request.method, "GET")
     if asked.number is None:
-        return HTMLResponse(server_page(devices))
+        return HTMLResponse(server_page([one for one in devices if caller.reaches(one.id)]))
     if asked.number >= len(devices):
         return _refused(f"there is no telescope {asked.number}")
     return HTMLResponse(telescope_page(devices[asked.number]))

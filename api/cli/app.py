@@ -79,6 +79,8 @@ app.add_typer(journal_app, name="journal")
 app.add_typer(model_app, name="model")
 app.add_typer(night_app, name="night")
 app.add_typer(key_app, name="key")
+# the same, for who writes the plural
+app.add_typer(key_app, name="keys", hidden=True)
 app.add_typer(solver_app, name="solver")
 
 

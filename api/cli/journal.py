@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 import time
 from collections.abc import Iterable
@@ -17,6 +18,7 @@ from api.cli.output import print_json, refusing_os_errors
 
 if TYPE_CHECKING:
     from mountnav.journal.audit_and_leases import AuditRow
+    from mountnav.journal.audit_chain import AuditHead, AuditKey, AuditProof
     from mountnav.journal.reading import JournalReader, Line, Wanted
     from mountnav.journal.upkeep import Checked
 
@@ -195,6 +197,39 @@ def audit(
             sys.stdout.write(_audit_line(row))
 
 
+@journal_app.command("verify-audit")
+def verify_audit(
+    key: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--key", help="A file with the key that sealed it; may be repeated. Else the one of the settings."
+        ),
+    ] = None,
+    expect: Annotated[
+        list[str] | None,
+        typer.Option(help="Where it once stood, NUMBER:HASH, as log and reports told; may be repeated."),
+    ] = None,
+    journal: Where = None,
+    config: JournalConfig = None,
+    as_json: Json = False,
+) -> None:
+    """Prove that nobody has rewritten the audit; exit code 1 names the first row that was touched.
+
+    Rows that no key at hand proves (written without one, or by another machine) are told, with exit code 1 as
+    well if there is a key.
+    """
+    from mountnav.journal.audit_chain import prove
+    from mountnav.journal.database import database_url
+
+    keys = _audit_keys(key, journal, config)
+    proof = prove(database_url(_where(journal, config)), keys, [_head_of(one) for one in expect or ()])
+    if as_json:
+        print_json(_proof_record(proof, keys))
+    else:
+        sys.stdout.write("".join(f"{line}\n" for line in _proof_lines(proof, keys)))
+    raise typer.Exit(1 if proof.fault is not None or (keys and proof.unproven) else 0)
+
+
 @journal_app.command()
 def check(
     upgrade: Annotated[
@@ -300,6 +335,86 @@ def _where(journal: str | None, config: Path | None) -> str:
     from mountnav.settings.observatory import Settings
 
     return Settings.load(config).journal.where
+
+
+def _audit_keys(files: list[Path] | None, journal: str | None, config: Path | None) -> list[AuditKey]:
+    """Keys of the files that are named, else the one that the service uses, if it can be read."""
+    from mountnav.errors import BadSettings, NotFound
+    from mountnav.journal.audit_chain import read_audit_key
+    from mountnav.journal.database import audit_key_beside
+
+    if files:
+        keys = []
+        for file in files:
+            try:
+                keys.append(read_audit_key(file))
+            except FileNotFoundError as missing:
+                raise NotFound(
+                    "there is no such key", device=str(file), advice="look at its name"
+                ) from missing
+        return keys
+    path = audit_key_beside(_where(journal, config))
+    if config is not None and journal is None:
+        from mountnav.settings.observatory import Settings
+
+        path = Settings.load(config).journal.audit_key_path
+    try:
+        return [read_audit_key(path)]
+    except FileNotFoundError:
+        return []
+    except BadSettings as unreadable:
+        sys.stderr.write(f"seals are not checked: {unreadable}\n")
+        return []
+
+
+def _head_of(text: str) -> AuditHead:
+    from mountnav.errors import BadRequest
+    from mountnav.journal.audit_chain import AuditHead
+
+    number, _, sha256 = text.strip().partition(":")
+    if (
+        not number.isascii()
+        or not number.isdigit()
+        or len(number) > 18
+        or not re.fullmatch("[0-9a-f]{64}", sha256)
+    ):
+        raise BadRequest(f"{text!r} is no place in a chain", advice="NUMBER:HASH, as the log tells it")
+    return AuditHead(int(number), sha256)
+
+
+def _proof_lines(proof: AuditProof, keys: list[AuditKey]) -> list[str]:
+    lines = []
+    if proof.fault is not None:
+        at = proof.fault
+        row = "at its end" if at.row_id is None else f"row {at.row_id}"
+        number = "" if at.chain_no is None else f" (number {at.chain_no})"
+        lines.append(f"BROKEN: {row}{number}: {at.what}")
+    removed = f", {proof.removed} more removed by retention" if proof.removed else ""
+    lines.append(f"{proof.rows} rows looked at{removed}; the seals of {proof.sealed} hold")
+    if not keys:
+        lines.append("no key is at hand: seals were not checked, the whole chain could have been made anew")
+    elif proof.unproven:
+        lines.append(f"NOT PROVEN by the key at hand: {'; '.join(proof.unproven)}")
+    if proof.fault is None:
+        lines.append(
+            "nothing was altered, removed, inserted or reordered" if proof.head else "there is no row yet"
+        )
+        if proof.head is not None:
+            lines.append(f"it stands at {proof.head}")
+    return lines
+
+
+def _proof_record(proof: AuditProof, keys: list[AuditKey]) -> dict[str, object]:
+    return {
+        "sound": proof.fault is None,
+        "proven": proof.fault is None and bool(keys) and not proof.unproven,
+        "fault": None if proof.fault is None else asdict(proof.fault),
+        "rows": proof.rows,
+        "removed": proof.removed,
+        "sealed": proof.sealed,
+        "unproven": list(proof.unproven),
+        "head": None if proof.head is None else str(proof.head),
+    }
 
 
 def _exists(reader: JournalReader) -> bool:

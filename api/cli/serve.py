@@ -33,6 +33,22 @@ class VirtualMounting(StrEnum):
     FORK = "fork"
 
 
+class Tls(StrEnum):
+    """How the port speaks."""
+
+    OFF = "off"
+    SELF = "self"
+
+
+class LogForms(StrEnum):
+    """How lines of the log are written."""
+
+    AUTO = "auto"
+    TEXT = "text"
+    JSON = "json"
+    JOURNALD = "journald"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServeOptions:
     """The options of the command."""
@@ -58,6 +74,15 @@ class ServeOptions:
         int | None, typer.Option(min=0, max=65535, help="Instead of the settings'; 0: any that is free.")
     ] = None
 
+    tls: Annotated[
+        Tls | None,
+        typer.Option(help="https: self, with a certificate that it makes itself. Instead of the settings'."),
+    ] = None
+    log_form: Annotated[
+        LogForms | None,
+        typer.Option(help="Lines of the log: text, json, or journald. Instead of the settings'."),
+    ] = None
+
     @property
     def virtual(self) -> dict[str, object]:
         """Those of the virtual time and mount that were given, as the [demo] table names them."""
@@ -67,7 +92,7 @@ class ServeOptions:
 
 def serve_observatory(asked: ServeOptions) -> int:
     """Serve an observatory: the page at /, REST under /v1, its description at /docs, Alpaca under /api/v1."""
-    settings = settings_of(asked)
+    settings = _served(settings_of(asked), asked)
     # only now: all of the service takes seconds to import, and wrong settings are refused without it
     from api.http.serving import serve as serve_settings
     from api.observatory.observatory import require_devices
@@ -78,6 +103,18 @@ def serve_observatory(asked: ServeOptions) -> int:
 
 
 serve = takes_options(ServeOptions)(serve_observatory)
+
+
+def _served(settings: Settings, asked: ServeOptions) -> Settings:
+    """The settings with how the port speaks, as the options say it."""
+    changes: dict[str, object] = {}
+    if asked.tls is not None:
+        changes |= {"tls": asked.tls.value, "certificate": None, "certificate_key": None}
+    if asked.log_form is not None:
+        changes["log_form"] = asked.log_form.value
+    if not changes:
+        return settings
+    return settings.model_copy(update={"service": settings.service.model_copy(update=changes)})
 
 
 def settings_of(asked: ServeOptions) -> Settings:

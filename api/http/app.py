@@ -18,7 +18,7 @@ from fastapi_offline import FastAPIOffline
 from starlette.routing import Route
 
 from api import problems
-from api.access.keys import open_keys
+from api.access.keys import KeyStore, open_keys
 from api.access.security import TokenRequired
 from api.alpaca.server import alpaca_routes
 from api.http import guards
@@ -60,6 +60,7 @@ from mountnav.errors import MountnavError
 from mountnav.masking import mask_logs
 from mountnav.settings.observatory import Settings
 from mountnav.sky.iers import iers_status, override_dut1
+from mountnav.tasks import begun
 
 if TYPE_CHECKING:
     from api.service import Service
@@ -67,6 +68,8 @@ if TYPE_CHECKING:
 __all__ = ["listeners_of"]
 
 
+_KEYS_TOLD_S = 3600.0
+"""Between two looks at keys that end soon, s; each is told once a day. Doubled, it is told an hour later."""
 _ABOUT = """Finds out where telescopes really point, and puts them where they should.
 
 Angles are in degrees unless the name says otherwise, places are ICRS unless `frame` says otherwise.
@@ -100,11 +103,14 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
             app.state.failure = error
             raise
         app.state.service = service
+        service.keys = app.state.keys
+        told = begun(_tell_of_keys(app.state.keys), "ends of keys", died=lambda _: None)
         service.listeners = listeners_of(service, getattr(app.state, "http_address", None), app.state.turns)
         try:
             await service.listeners.start()
             yield
         finally:
+            told.cancel()
             # A second interrupt must not come between a moving mount and its stop.
             await asyncio.shield(service.halt())
 
@@ -128,6 +134,13 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
     app.include_router(help_router)
     _describe_beside(app)
     return app
+
+
+async def _tell_of_keys(keys: KeyStore) -> None:
+    """Say in the log which keys end soon, at the start and each hour."""
+    while True:
+        keys.tell_ends()
+        await asyncio.sleep(_KEYS_TOLD_S)
 
 
 def _describe_beside(app: FastAPI) -> None:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -25,7 +26,7 @@ from api.http.fair_scheduling import FairRequests, ReadingTurns, RequestTurns
 from api.http.headers import BoundedHeads, HeadAsGet, SafeHeaders
 from api.http.request_metrics import CountedRequests, HttpMetrics
 from api.http.strict_requests import PlainJson, ShortTargets
-from api.problems import ALPACA_PATHS, Refused
+from api.problems import ALPACA_PATHS, Refused, problem, refusal_response
 from mountnav.settings.observatory import Settings
 
 
@@ -35,28 +36,62 @@ class OpenStreams:
     Parameters
     ----------
     caller_of : callable
-        Who sent a request. Raises `Refused` when he is none any more.
+        Who sent a request. Raises `Refused` when he is none any more: his key was revoked, or has ended.
+    most : int
+        Streams of one caller at a time, from however many addresses: one must not take all connections.
     """
 
-    def __init__(self, app: ASGIApp, caller_of: Callable[[Scope], Caller]) -> None:
+    def __init__(self, app: ASGIApp, caller_of: Callable[[Scope], Caller], most: int = 64) -> None:
         self._app = app
         self._caller_of = caller_of
+        self._most = most
+        self._open: Counter[str] = Counter()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
+        if scope["method"] == "GET" and scope["path"].rstrip("/").endswith("/events"):
+            await self._counted(scope, receive, send)
+            return
+        await self._watched(scope, receive, send)
+
+    async def _counted(self, scope: Scope, receive: Receive, send: Send) -> None:
+        caller = self._caller(scope)
+        name = f"({address_of(scope)})" if caller is None else caller.name
+        if self._open[name] >= self._most:
+            found = problem(
+                "too-many-requests",
+                429,
+                f"{self._most} streams of events are open for this caller",
+                retryable=True,
+                retry_after_s=15,
+                advice="close those that aren't read; [service] streams_per_caller is the limit",
+            )
+            await refusal_response(scope, found)(scope, receive, send)
+            return
+        self._open[name] += 1
+        try:
+            await self._watched(scope, receive, send)
+        finally:
+            self._open[name] -= 1
+            if not self._open[name]:
+                del self._open[name]
+
+    async def _watched(self, scope: Scope, receive: Receive, send: Send) -> None:
         streaming = ended = False
+        opened: Caller | None = None
 
         async def checked(message: Message) -> None:
-            nonlocal streaming, ended
+            nonlocal streaming, ended, opened
             if ended:
                 return
             if message["type"] == "http.response.start":
                 kind = Headers(raw=list(message.get("headers", ()))).get("content-type", "")
                 streaming = kind.startswith("text/event-stream")
-            elif streaming and not self._may_hear(scope):
+                opened = self._caller(scope) if streaming else None
+            elif streaming and not self._may_hear(scope, opened):
                 # the server takes this for the end, and tells the application that its listener has gone
                 ended = True
                 await send({"type": "http.response.body", "body": b"", "more_body": False})
@@ -65,12 +100,18 @@ class OpenStreams:
 
         await self._app(scope, receive, checked)
 
-    def _may_hear(self, scope: Scope) -> bool:
-        try:
-            self._caller_of(scope)
-        except Refused:
+    def _may_hear(self, scope: Scope, opened: Caller | None) -> bool:
+        """Whether he is there, and may what he might as he came: what is told was chosen by that."""
+        caller = self._caller(scope)
+        if caller is None or opened is None:
             return False
-        return True
+        return (caller.role, caller.telescopes) == (opened.role, opened.telescopes)
+
+    def _caller(self, scope: Scope) -> Caller | None:
+        try:
+            return self._caller_of(scope)
+        except Refused:
+            return None
 
 
 _ASKED = (
@@ -132,7 +173,7 @@ def install(app: FastAPI, settings: Settings) -> None:
 
     def caller_of(scope: Scope) -> Caller:
         if scope["path"].startswith(ALPACA_PATHS):
-            return alpaca_caller(scope, keys, is_open=settings.alpaca.open)
+            return alpaca_caller(scope, keys, admits=settings.alpaca.admits)
         return caller_from_headers(Headers(scope=scope), address_of(scope), keys=keys)
 
     def shows_who(scope: Scope) -> Caller:
@@ -159,10 +200,13 @@ def install(app: FastAPI, settings: Settings) -> None:
         return getattr(running, "audit", None)
 
     # what is added last stands outermost
-    app.add_middleware(OpenStreams, caller_of=caller_of)
+    app.add_middleware(OpenStreams, caller_of=caller_of, most=service.streams_per_caller)
     app.add_middleware(PlainJson)
     app.add_middleware(WholeBodies)
     app.add_middleware(BodyLimit, max_body_kb=service.max_body_kb, max_upload_mb=service.max_upload_mb)
+    if service.address_limit_per_s > 0:
+        each_address = TokenBuckets(service.address_limit_per_s, round(2 * service.address_limit_per_s) + 1)
+        app.add_middleware(RateLimit, buckets=each_address, name_of=address_of)
     if service.rate_limit_per_s > 0:
         buckets = TokenBuckets(service.rate_limit_per_s, service.rate_burst)
         app.add_middleware(RateLimit, buckets=buckets, name_of=name_of)

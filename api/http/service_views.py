@@ -178,6 +178,10 @@ class CapabilitiesView(BaseModel):
     faces: dict[str, DoorView] = Field(description="http and the doors for other programs, with their ports")
     roles: list[str] = Field(description="Each includes those before it")
     your_role: str
+    your_telescopes: list[str] | None = Field(
+        default=None, description="Those that your key is for; null: all of the service"
+    )
+    your_key_ends_utc: datetime | None = Field(default=None, description="null: it has no end")
     problems: list[str] = Field(description="Slugs of all problems that may be answered")
     virtual: VirtualView | None = None
 
@@ -236,6 +240,8 @@ def readiness(service: Service) -> Readiness:
     for one in telescopes:
         if one.is_open and (words := one.navigator.mount.contradiction) is not None:
             concerns.append(f"{one.id}: mount and settings contradict each other, nothing is slewed: {words}")
+    if service.keys is not None:
+        concerns.extend(service.keys.concerns())
     warning = iers_status().warning
     if warning is not None:
         concerns.append(f"Earth rotation: {warning}")

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from types import FrameType
+from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
@@ -21,9 +22,11 @@ from api.demo.observatory import demo_journal
 from api.http.app import create_app
 from api.http.connections import Bounds, Gate
 from api.http.routes import truth
+from api.http.service_log import begin_log
 from api.http.service_manager import ServiceManager
 from api.http.strict_requests import KnownQueryOnly
 from api.listeners.admission import ask_for_enough, descriptors_at_hand, nova_shares, shares
+from api.listeners.tls import HANDSHAKES, Certificate, Handshakes, ShakingHands
 from api.observatory.virtual import VirtualHeader, virtual_days
 from api.service import Service
 from mountnav.clock import utc_now, virtual_time
@@ -57,6 +60,9 @@ class ObservatoryServer(uvicorn.Server):
         self._own_process = own_process
         self._manager = ServiceManager() if own_process else ServiceManager({})
         self._watchdog: asyncio.Task[None] | None = None
+        self.handshakes: Handshakes | None = None
+        self.certificate: Certificate | None = None
+        self._renewing: asyncio.Task[None] | None = None
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -84,6 +90,8 @@ class ObservatoryServer(uvicorn.Server):
             # uvicorn's backlog is also how many are accepted in one turn: few, so that idle ones can be
             # closed in between; the kernel may keep more waiting
             listener.listen(_WAITING)
+        if self.certificate is not None:
+            self._renewing = self.certificate.kept_up()
         if not self._own_process or self.should_exit:
             return
         self._watchdog = begun(self._manager.feed_watchdog(), "watchdog", died=self._unfed)
@@ -100,6 +108,10 @@ class ObservatoryServer(uvicorn.Server):
         service: Service | None = getattr(self._observatory_app.state, "service", None)
         if service is not None:
             await service.halt()
+        if self._renewing is not None:
+            self._renewing.cancel()
+        if self.handshakes is not None:
+            self.handshakes.end()
         await super().shutdown(sockets)
         if self._watchdog is not None:
             self._watchdog.cancel()
@@ -114,11 +126,22 @@ def _status(app: FastAPI) -> str:
     settings: Settings = app.state.settings
     host, port = app.state.http_address
     names = ", ".join(one.id for one in settings.telescope)
-    return f"observatory at http://{f'[{host}]' if ':' in host else host}:{port}: {names}"
+    return f"observatory at {_url(settings, host, port)}: {names}"
+
+
+def _url(settings: Settings, host: str, port: int) -> str:
+    scheme = "http" if settings.service.tls == "off" else "https"
+    return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
 
 
 def make_server(app: FastAPI, *, log_level: str = "info", own_process: bool = False) -> ObservatoryServer:
-    """Make the server; the socket is bound by the caller. `own_process`: it has the process for itself."""
+    """Make the server; the socket is bound by the caller. `own_process`: it has the process for itself.
+
+    Raises
+    ------
+    BadSettings
+        The certificate can't be had.
+    """
     settings: Settings = app.state.settings
     descriptors = descriptors_at_hand()
     nova = nova_shares(descriptors).descriptors(settings.nova.queue) if settings.nova.enabled else 0
@@ -132,6 +155,21 @@ def make_server(app: FastAPI, *, log_level: str = "info", own_process: bool = Fa
         ),
         turns=app.state.turns.reading,
     )
+    service = settings.service
+    certificate = Certificate(
+        service.tls,
+        (service.certificate, service.certificate_key),
+        settings.journal.where,
+        service.host,
+        "service",
+    )
+    context, handshakes = certificate.context(), Handshakes(HANDSHAKES)
+    plain = gate.protocol()
+
+    def shaking_hands(**told: Any) -> asyncio.BaseProtocol:
+        assert context is not None
+        return ShakingHands(handshakes, asyncio.get_running_loop(), plain(**told), context)
+
     config = uvicorn.Config(
         # outermost: no answer of a virtual observatory goes out without saying so
         VirtualHeader(app) if virtual_time() is not None else app,
@@ -139,13 +177,19 @@ def make_server(app: FastAPI, *, log_level: str = "info", own_process: bool = Fa
         timeout_graceful_shutdown=_GOODBYE_S,
         server_header=False,
         # the same whatever else is installed: its deadlines and bounds are ours
-        http=gate.protocol(),  # type: ignore[arg-type]
+        http=plain if context is None else shaking_hands,  # type: ignore[arg-type]
+        # `begin_log` has made ready for all of the process
+        log_config=None if own_process else uvicorn.config.LOGGING_CONFIG,
         loop="asyncio",
         ws="none",
         backlog=shared.burst,
     )
-    limit_log_rates("uvicorn", "uvicorn.access")
-    return ObservatoryServer(config, app, own_process=own_process)
+    # without a handler of their own all of them write by the root's, which in other processes is another's
+    limit_log_rates(*("",) if own_process else ("uvicorn", "uvicorn.access"))
+    server = ObservatoryServer(config, app, own_process=own_process)
+    if context is not None:
+        server.certificate, server.handshakes = certificate, handshakes
+    return server
 
 
 def bind(host: str, port: int) -> socket.socket:
@@ -172,7 +216,7 @@ def bind(host: str, port: int) -> socket.socket:
         ) from error
 
 
-def serve(settings: Settings, *, log_level: str = "info") -> int:
+def serve(settings: Settings, *, log_level: str | None = None) -> int:
     """Serve until interrupted; the exit code. With `[demo]` it is a virtual observatory, and says where.
 
     Raises
@@ -181,6 +225,7 @@ def serve(settings: Settings, *, log_level: str = "info") -> int:
         The address can't be had, or a virtual observatory would write into a real one's journal.
     """
     ask_for_enough()
+    begin_log(settings.service.log_form, log_level or settings.service.log_level)
     with ExitStack() as standing:
         if settings.demo is not None:
             read_tables()
@@ -195,7 +240,9 @@ def serve(settings: Settings, *, log_level: str = "info") -> int:
             app.include_router(truth.router, prefix="/v1", dependencies=[KnownQueryOnly])
         # uvicorn doesn't say which port a socket of ours has got
         print(_told(settings, listener), flush=True)
-        server = make_server(app, log_level=log_level, own_process=True)
+        server = make_server(app, log_level=log_level or settings.service.log_level, own_process=True)
+        if server.certificate is not None and settings.service.tls == "self":
+            print(f"its certificate: SHA-256 fingerprint {server.certificate.fingerprint}", flush=True)
         with _failing_plainly(app):
             server.run(sockets=[listener])
     return 0 if server.started else 1
@@ -242,7 +289,7 @@ def _tidy_when_terminated() -> Iterator[None]:
 
 def _told(settings: Settings, listener: socket.socket) -> str:
     host, port = listener.getsockname()[:2]
-    url = f"http://{f'[{host}]' if ':' in host else host}:{port}"
+    url = _url(settings, host, port)
     if settings.demo is None:
         return f"observatory at {url}"
     return (

@@ -196,9 +196,13 @@ class StateAnswers:
         told += [f"{axis}{rate_deg_s}" for axis, (rate_deg_s, _) in axes.items()]
         return f"-{hashlib.sha256(''.join(told).encode()).hexdigest()[:8]}" if told else ""
 
-    def all(self) -> Answer:
-        """The answer of all telescopes, as a list."""
-        each = [self.of(telescope) for telescope in self._service.dispatcher.telescopes]
+    def all(self, of: frozenset[str] | None = None) -> Answer:
+        """The answer of all telescopes, as a list; `of`: of these alone."""
+        each = [
+            self.of(telescope)
+            for telescope in self._service.dispatcher.telescopes
+            if of is None or telescope.id in of
+        ]
         tag = hashlib.sha256("".join(answer.tag for answer in each).encode()).hexdigest()[:24]
         return Answer(f'"{tag}"', b"[" + b",".join(answer.body for answer in each) + b"]")
 

@@ -11,6 +11,7 @@ from api.indi_server.device import IndiTelescope, device_names
 from api.indi_server.orders import Answer
 from api.indi_server.publisher import LeftSelections
 from api.indi_server.vectors import saying
+from api.listeners.doors import Door
 from api.listeners.tcp import TcpPort, Turns
 from api.service import Service
 from mountnav.clock import utc_now
@@ -52,6 +53,8 @@ class IndiServer:
         self._turns = Turns()
         telescopes = service.settings.telescope
         names = device_names(telescopes)
+        shown = self._settings.telescopes
+        telescopes = tuple(one for one in telescopes if not shown or one.id in shown)
         self._devices = {
             names[telescope.id]: IndiTelescope(
                 service,
@@ -64,7 +67,13 @@ class IndiServer:
             for telescope in telescopes
         }
         self._listening = TcpPort(
-            self._settings.host, self._settings.port, self._serve, name="INDI", full=_full
+            self._settings.host,
+            self._settings.port,
+            self._serve,
+            name="INDI",
+            full=_full,
+            lets_in=Door(self._settings.admits, service.audit, "indi_server").lets_in,
+            refused=saying("", "[ERROR] goodbye: this address is not let in", utc_now()),
         )
         self._events: asyncio.Task[None] | None = None
 

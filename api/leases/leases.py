@@ -17,7 +17,7 @@ from typing import Protocol
 from api.access.audit import Audit
 from api.access.callers import Caller, Face, Role
 from api.access.keys import sha256_of
-from api.access.security import require_role
+from api.access.security import require_role, require_telescope
 from api.leases.lease import Lease, OnExpiry, holds, kept_out, lease_of, leased, row_of
 from api.orders.job import Job, JobState
 from api.orders.vocabulary import Order, ParkOrder
@@ -243,6 +243,7 @@ class Leases:
             It can't be written down, and so isn't taken.
         """
         require_role(caller, Role.CONFIGURE if force else Role.OPERATE)
+        require_telescope(caller, telescope_id)
         async with self._turns.setdefault(telescope_id, asyncio.Lock()):
             held = self._leases.get(telescope_id)
             if held is not None and not force and (held.ending or not holds(caller, held)):

@@ -110,6 +110,10 @@ class TcpPort:
         Whether clients of this protocol say something as soon as they come. When there are too many, one
         that never did, though it could have, makes room (`api.listeners.admission`): it may be a stop that
         comes.
+    lets_in : callable (str) -> bool, optional
+        Whether clients of an address are served; others are told, logged and let go.
+    refused : bytes
+        What those are told.
     most : int, optional
         How many clients at a time, half of them from one address; by what the system allows if left out.
     """
@@ -123,6 +127,8 @@ class TcpPort:
         name: str,
         full: Callable[[int], bytes] | None = None,
         speaks_first: bool = True,
+        lets_in: Callable[[str], bool] = lambda _: True,
+        refused: bytes = b"",
         most: int | None = None,
     ) -> None:
         self._host, self._port = host, port
@@ -130,6 +136,8 @@ class TcpPort:
         self._name = name
         self._full = full
         self._speaks_first = speaks_first
+        self._lets_in, self._refused = lets_in, refused
+        self._strangers = ToldSeldom(_log)
         self.most = shares(descriptors_at_hand(), 0).listener if most is None else most
         self._burst = listener_burst(self.most)
         self._here: ConnectionRoom[_Client] = ConnectionRoom(
@@ -197,6 +205,14 @@ class TcpPort:
 
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         address = str((writer.get_extra_info("peername") or ("",))[0])
+        if not self._lets_in(address):
+            # before it is counted: it takes nobody's place
+            words = "%s lets nobody in from %s: its settings don't allow that address"
+            self._strangers.tell(asyncio.get_running_loop().time(), words, self._name, address or "nowhere")
+            if self._refused:
+                writer.write(self._refused)
+            writer.close()
+            return
         task = asyncio.current_task()
         assert task is not None
         assert isinstance(reader, _Reader)

@@ -176,7 +176,8 @@ class NovaApp:
     def _may_solve(self, session: Session) -> bool:
         """Whether a session's key is still known, and good enough."""
         if session.key_sha256 is None:
-            return self._settings.open or not self._keys.guards
+            admitted = self._settings.open and self._settings.admits(session.caller.address)
+            return admitted or not self._keys.guards
         key = self._keys.known(session.key_sha256)
         return key is not None and key.role.includes(Role.SOLVE)
 
@@ -199,7 +200,7 @@ class NovaApp:
         key = self._keys.find(apikey)
         if key is not None and key.role.includes(Role.SOLVE):
             return self.sessions.begin(Caller(key.name, Role.SOLVE, Face.NOVA, address), key.sha256)
-        if self._settings.open:
+        if self._settings.open and self._settings.admits(address):
             return self.sessions.begin(Caller(f"nova {address}", Role.SOLVE, Face.NOVA, address), None)
         if not self._keys.guards and _is_loopback(address):
             return self.sessions.begin(Caller(THIS_MACHINE, Role.SOLVE, Face.NOVA, address), None)

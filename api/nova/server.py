@@ -10,8 +10,6 @@ import asyncio
 import contextlib
 import logging
 import socket
-import ssl
-from asyncio.sslproto import SSLProtocol
 from collections.abc import Callable
 from typing import Any
 
@@ -21,19 +19,15 @@ from uvicorn.server import ServerState
 
 from api.access.keys import open_keys
 from api.listeners.admission import NovaShares
+from api.listeners.tls import Certificate, Handshakes, ShakingHands
 from api.nova.app import NovaApp
-from api.nova.certificate import own_certificate
 from api.service import Service
 from mountnav.errors import BadSettings
-from mountnav.journal.database import database_url, file_of, state_folder
 
 __all__ = ["NovaServer"]
 
 _log = logging.getLogger(__name__)
 
-_HANDSHAKE_S = 5
-"""A client of TLS has so long to shake hands, s; half a second is long already. Doubled, those that never do
-hold their place twice as long."""
 _GOODBYE_S = 2.0
 """How long answers that are being sent may take when the service goes down, s; chosen by hand."""
 _WAITING = 128
@@ -72,7 +66,16 @@ class NovaServer:
         self._app: NovaApp | None = None
         self._server: asyncio.Server | None = None
         self._state = ServerState()
-        self._handshakes = _Handshakes(shares.handshakes)
+        self._handshakes = Handshakes(shares.handshakes)
+        settings = self._settings
+        self._certificate = Certificate(
+            settings.tls,
+            (settings.certificate, settings.certificate_key),
+            service.settings.journal.where,
+            settings.host,
+            "nova",
+        )
+        self._renewing: asyncio.Task[None] | None = None
         self._address = (self._settings.host, self._settings.port)
 
     @property
@@ -93,7 +96,7 @@ class NovaServer:
         BadSettings
             The address or the certificate can't be had.
         """
-        context = await asyncio.to_thread(self._tls)
+        context = await asyncio.to_thread(self._certificate.context)
         listening = _bound(*self._address)
         self._app = NovaApp(self._service, self._settings, self._keys, images=self._shares.images)
         config = uvicorn.Config(
@@ -110,17 +113,20 @@ class NovaServer:
 
         def client() -> asyncio.BaseProtocol:
             made = self._protocol(config=config, server_state=self._state, app_state={}, _loop=loop)
-            return made if context is None else _Tls(self._handshakes, loop, made, context)
+            return made if context is None else ShakingHands(self._handshakes, loop, made, context)
 
         self._server = await loop.create_server(client, sock=listening, backlog=self._shares.burst)
         # the backlog is also how many are accepted in one turn; the kernel may keep more waiting
         listening.listen(_WAITING)
         self._address = listening.getsockname()[:2]
+        self._renewing = self._certificate.kept_up()
 
     async def stop(self) -> None:
         """Listen no more, and let all clients go."""
         if self._server is not None:
             self._server.close()
+        if self._renewing is not None:
+            self._renewing.cancel()
         if self._app is not None:
             await self._app.close()
         clients: list[Any] = [*self._state.connections]
@@ -140,35 +146,6 @@ class NovaServer:
             task.cancel()
         await asyncio.gather(*self._state.tasks, return_exceptions=True)
 
-    def _tls(self) -> ssl.SSLContext | None:
-        settings = self._settings
-        if settings.tls == "off":
-            return None
-        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        if settings.tls == "files":
-            assert settings.certificate is not None
-            certificate, key = settings.certificate, settings.certificate_key
-        else:
-            file = file_of(database_url(self._service.settings.journal.where))
-            folder = state_folder() if file is None else file.parent
-            certificate, fingerprint = own_certificate(folder, settings.host)
-            key = None
-            _log.info("nova: its own certificate %s, SHA-256 fingerprint %s", certificate, fingerprint)
-        try:
-            context.load_cert_chain(certificate, key, password=_no_password)
-        except (OSError, ValueError) as fault:
-            raise BadSettings(
-                f"the certificate can't be used: {getattr(fault, 'strerror', None) or fault}",
-                device=str(certificate),
-                advice="PEM files of certificate and key, the key without a password",
-            ) from fault
-        return context
-
-
-def _no_password() -> str:
-    """OpenSSL would ask on the terminal, and the service would wait there."""
-    return ""
-
 
 def _bound(host: str, port: int) -> socket.socket:
     try:
@@ -185,72 +162,3 @@ def _bound(host: str, port: int) -> socket.socket:
     # asyncio does this for sockets of its own making; without it each answer waits 40 ms for an ACK
     listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return listening
-
-
-class _Handshakes:
-    """Clients that haven't shaken hands yet: beyond so many, who has waited longest goes."""
-
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self._waiting: dict[_Tls, asyncio.BaseTransport] = {}
-
-    def began(self, one: _Tls, transport: asyncio.BaseTransport) -> None:
-        """A client is there."""
-        if len(self._waiting) >= self._most:
-            oldest = next(iter(self._waiting))
-            self._abort(self._waiting.pop(oldest))
-        self._waiting[one] = transport
-
-    def ended(self, one: _Tls) -> None:
-        """It has shaken hands, or is gone. Twice is fine."""
-        self._waiting.pop(one, None)
-
-    def end(self) -> None:
-        """Let all go."""
-        for transport in [*self._waiting.values()]:
-            self._abort(transport)
-        self._waiting.clear()
-
-    @staticmethod
-    def _abort(transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        transport.abort()
-
-
-class _Tls(SSLProtocol):
-    """A client of TLS before its connection: it counts until it has shaken hands."""
-
-    def __init__(
-        self,
-        handshakes: _Handshakes,
-        loop: asyncio.AbstractEventLoop,
-        beyond: asyncio.Protocol,
-        context: ssl.SSLContext,
-    ) -> None:
-        super().__init__(
-            loop,
-            beyond,
-            context,
-            None,  # type: ignore[arg-type]  # nobody waits for the handshake
-            server_side=True,
-            ssl_handshake_timeout=_HANDSHAKE_S,
-        )
-        self._counted = handshakes
-        meet = beyond.connection_made
-
-        def met(transport: asyncio.BaseTransport) -> None:
-            handshakes.ended(self)
-            meet(transport)
-
-        # asyncio tells the connection of its being made when hands are shaken
-        beyond.connection_made = met  # type: ignore[method-assign]
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """It is there, and shakes hands now."""
-        self._counted.began(self, transport)
-        super().connection_made(transport)
-
-    def connection_lost(self, exc: BaseException | None) -> None:
-        """It is gone."""
-        self._counted.ended(self)
-        super().connection_lost(exc)

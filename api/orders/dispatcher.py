@@ -14,7 +14,7 @@ from typing import Protocol
 
 from api.access.audit import Audit
 from api.access.callers import Caller, Face, Role
-from api.access.security import require_role
+from api.access.security import require_role, require_telescope
 from api.observatory.observatory import Observatory, Telescope, link_is_lost
 from api.orders.execute_order import goal, work_of
 from api.orders.held_axes import HeldAxes
@@ -267,6 +267,7 @@ class Dispatcher:
         telescope = self._observatory.telescope(telescope_id)
         try:
             require_role(caller, needs)
+            require_telescope(caller, telescope.id)
             known = self._jobs.known(key, kind, telescope.id, request)
             if known is not None:
                 await known.written.wait()
@@ -330,6 +331,7 @@ class Dispatcher:
         request: dict[str, object] = order.model_dump(exclude_none=True)
         try:
             require_role(caller, role_for(order))
+            require_telescope(caller, telescope_id)
             self._leases.require(caller, telescope_id)
             if order.job_id is not None and (over := self._ended_motion(telescope_id, order)) is not None:
                 return over
@@ -419,6 +421,7 @@ class Dispatcher:
         job = self._jobs.running_on(telescope.id)
         try:
             require_role(caller, Role.OPERATE)
+            require_telescope(caller, telescope.id)
             self._stops_given[telescope.id] += 1
             with self._others_held_back():
                 await self._stop(telescope, job, f"stopped on request of {caller.name} ({caller.face})")
@@ -440,6 +443,7 @@ class Dispatcher:
         """
         telescope = self._observatory.telescope(telescope_id)
         require_role(caller, Role.OPERATE)
+        require_telescope(caller, telescope.id)
         job = self._jobs.running_on(telescope.id)
         begun_s = asyncio.get_running_loop().time()
         stopping = waited_for(self.stop(caller, telescope.id), name=f"stop {telescope.id}")
@@ -455,10 +459,11 @@ class Dispatcher:
             return StopGiven(job, False, error)
 
     async def stop_all(self, caller: Caller) -> dict[str, StopGiven]:
-        """Stop all telescopes at once, each as `give_stop` does."""
+        """Stop all telescopes that the caller's key is for at once, each as `give_stop` does."""
         require_role(caller, Role.OPERATE)
-        given = await asyncio.gather(*(self.give_stop(caller, telescope.id) for telescope in self.telescopes))
-        return {telescope.id: one for telescope, one in zip(self.telescopes, given, strict=True)}
+        reached = [telescope.id for telescope in self.telescopes if caller.reaches(telescope.id)]
+        given = await asyncio.gather(*(self.give_stop(caller, one) for one in reached))
+        return dict(zip(reached, given, strict=True))
 
     def next_panel(self, caller: Caller, job: Job) -> int:
         """Say that the camera is through with a frame of a mosaic; how many are wanted yet of its panel.
@@ -472,6 +477,7 @@ class Dispatcher:
         """
         try:
             require_role(caller, Role.OPERATE)
+            require_telescope(caller, job.telescope)
             self._leases.require(caller, job.telescope)
             if job.kind != "mosaic" or job.is_over:
                 what = "is over" if job.is_over else f"is none, but {job.kind}"
@@ -489,6 +495,7 @@ class Dispatcher:
         The job's own end tells what came of a stop that takes long.
         """
         require_role(caller, Role.OPERATE)
+        require_telescope(caller, job.telescope)
         if not job.is_over and self._jobs.running_on(job.telescope) is job:
             given = await self.give_stop(caller, job.telescope)
             if given.error is not None:

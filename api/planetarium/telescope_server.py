@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from abc import ABC, abstractmethod
 
+from api.listeners.doors import Door
 from api.listeners.tcp import TcpPort
 from api.orders.goto_orders import GotoOrders
 from api.service import Service
@@ -49,7 +50,12 @@ class OneTelescopeServer(ABC):
         self._watch = service.dispatcher.watch(self._id)
         self._ordering = GotoOrders(service.dispatcher, service.audit, self._id)
         self._listening = TcpPort(
-            settings.host, settings.port, self._serve, name=name, speaks_first=speaks_first
+            settings.host,
+            settings.port,
+            self._serve,
+            name=name,
+            speaks_first=speaks_first,
+            lets_in=Door(settings.admits, service.audit, section).lets_in,
         )
 
     @property

@@ -81,7 +81,7 @@ def audit_values(row: AuditRow, run_id: str) -> dict[str, Any]:
 
 def audit_of(row: Mapping[str, Any]) -> AuditRow:
     """The audit of a row of `tables.audit`."""
-    return AuditRow(**{name: value for name, value in row.items() if name != "run_id"})
+    return AuditRow(**{name: row[name] for name in AuditRow.__dataclass_fields__})
 
 
 def audit_query(
@@ -92,11 +92,14 @@ def audit_query(
     until: datetime | None,
     before_row: int | None,
     limit: int,
+    telescopes: frozenset[str] | None = None,
 ) -> Select[Any]:
     """Rows that pass, the newest first; with `before_row`, those that were written before it."""
     query = select(audit).order_by(desc(audit.c.row_id)).limit(limit)
     if telescope is not None:
         query = query.where(audit.c.telescope == telescope)
+    if telescopes is not None:
+        query = query.where(audit.c.telescope.in_(sorted(telescopes)))
     if caller is not None:
         query = query.where(audit.c.caller == caller)
     if since is not None:

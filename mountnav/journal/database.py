@@ -50,6 +50,12 @@ def default_url() -> str:
     return os.environ.get("MOUNTNAV_JOURNAL") or str(state_folder() / "journal.sqlite")
 
 
+def audit_key_beside(where: str | Path) -> Path:
+    """Where the key that seals an audit is, unless the settings say otherwise: beside the journal's file."""
+    file = file_of(database_url(where))
+    return (state_folder() if file is None else file.parent) / "audit.key"
+
+
 # Levels of nested JSON that are kept; what lies deeper is stored as its text. Chosen by hand: it ends
 # values that contain themselves. Doubled, nothing breaks.
 _DEEPEST = 20

@@ -22,6 +22,7 @@ from sqlalchemy.sql.elements import ColumnElement
 
 from mountnav.errors import BadRequest, JournalFailed, NotFound
 from mountnav.journal.audit_and_leases import AuditRow, LeaseRow, audit_of, audit_query, lease_of
+from mountnav.journal.audit_chain import AuditHead, head_of
 from mountnav.journal.database import (
     FAULTS,
     connectable,
@@ -58,6 +59,8 @@ class Wanted:
     ----------
     telescope : str or None
         Rows of the whole service (``""``) don't pass a telescope's name.
+    telescopes : frozenset of str or None
+        One of these; an empty one lets nothing pass.
     kinds : frozenset of str
         Of `KINDS`: ``look``, ``command``, or an entry's kind.
     since, until : datetime or None
@@ -83,6 +86,7 @@ class Wanted:
     text: str | None = None
     segment_id: str | None = None
     run_id: str | None = None
+    telescopes: frozenset[str] | None = None
 
     def __post_init__(self) -> None:
         if unknown := sorted(self.kinds - set(KINDS)):
@@ -183,6 +187,8 @@ def chosen(table: Table, wanted: Wanted) -> Select[Any]:
     ):
         if value is not None:
             query = query.where(column == value)
+    if wanted.telescopes is not None:
+        query = query.where(columns.telescope.in_(sorted(wanted.telescopes)))
     if wanted.since is not None:
         query = query.where(columns.utc >= wanted.since)
     if wanted.until is not None:
@@ -443,6 +449,7 @@ class JournalReader:
         until: datetime | None = None,
         before_row: int | None = None,
         limit: int = 100,
+        telescopes: frozenset[str] | None = None,
     ) -> list[AuditRow]:
         """Who ordered what, newest first; with `before_row`, older than that row. Raises as `lines`."""
         query = audit_query(
@@ -452,9 +459,15 @@ class JournalReader:
             until=until,
             before_row=before_row,
             limit=limit,
+            telescopes=telescopes,
         )
         with self._reading() as connection:
             return [audit_of(row) for row in _found(connection, query)]
+
+    def audit_head(self) -> AuditHead | None:
+        """Where the audit's chain stands; None without a row. Raises as `lines`."""
+        with self._reading() as connection:
+            return head_of(connection)
 
     def leases(self, telescopes: frozenset[str]) -> list[LeaseRow]:
         """Leases of these telescopes that were not ended. Raises as `lines`."""

@@ -15,6 +15,7 @@ from sqlalchemy import URL, Connection, delete, insert, or_, select, update
 from mountnav.clock import utc_now
 from mountnav.errors import JournalDamaged, JournalFailed
 from mountnav.journal.audit_and_leases import AuditRow, LeaseRow, audit_values, lease_statement
+from mountnav.journal.audit_chain import AuditKey, append_audit
 from mountnav.journal.database import database_url, explained, shown_url
 from mountnav.journal.job_rows import JobRow, save_statement
 from mountnav.journal.reading import JournalReader, Wanted
@@ -30,7 +31,7 @@ from mountnav.journal.records import (
 )
 from mountnav.journal.rows import command_row, end_row, entry_row, look_row
 from mountnav.journal.runs import begin_run, end_run
-from mountnav.journal.tables import audit, command, entry, lease, look, run
+from mountnav.journal.tables import command, entry, lease, look, run
 from mountnav.journal.upgrading import upgrade
 from mountnav.journal.upkeep import Thinning, require_sound, require_whole
 from mountnav.journal.writer import Fsync, Piece, Statements, Trouble, Writer
@@ -52,6 +53,7 @@ def open_journal(
     keep_days: float = 0.0,
     max_size_mb: float = 0.0,
     patient: bool = False,
+    audit_key: AuditKey | None = None,
 ) -> SqlJournal:
     """Open a journal for writing, made or brought up to date if need be. Blocks: call it in a thread.
 
@@ -73,6 +75,8 @@ def open_journal(
     patient : bool
         Where it can't be opened or written now, give one that has a `problem`, and is opened as soon as that
         is possible: tried each second.
+    audit_key : AuditKey, optional
+        What seals the audit's rows.
 
     Raises
     ------
@@ -104,8 +108,9 @@ def open_journal(
         url,
         inline=inline,
         fsync=fsync,
-        thinning=Thinning(keep_days, max_size_mb),
+        thinning=Thinning(keep_days, max_size_mb, audit_key=audit_key),
         prepare=None if opened else prepare,
+        audit_key=audit_key,
     )
     try:
         journal.begin_run(settings_text, kept=patient)
@@ -127,6 +132,8 @@ class SqlJournal:
     thinning : Thinning, optional
     prepare : callable, optional
         Called before it is first written, until it doesn't raise.
+    audit_key : AuditKey, optional
+        What seals the audit's rows.
     """
 
     def __init__(
@@ -137,8 +144,12 @@ class SqlJournal:
         fsync: Fsync = "commands",
         thinning: Thinning | None = None,
         prepare: Callable[[], None] | None = None,
+        audit_key: AuditKey | None = None,
     ) -> None:
         self.run_id = new_id()
+        self._audit_key = audit_key
+        if thinning is not None:
+            thinning.run_id = self.run_id
         self._url = url
         self._inline = inline
         self._reader = JournalReader(url, expected=True)
@@ -256,7 +267,9 @@ class SqlJournal:
         """Write down who ordered what, without waiting. Never raises; kept and written later if need be."""
         values = audit_values(row, self.run_id)
         self._writer.put(
-            Piece(lambda connection: _run(connection, insert(audit).values(values)), durable=True, kept=True)
+            Piece(
+                lambda connection: append_audit(connection, values, self._audit_key), durable=True, kept=True
+            )
         )
 
     async def save_lease(self, row: LeaseRow) -> None:

@@ -7,11 +7,11 @@ it told of itself.
 
 from __future__ import annotations
 
-from sqlalchemy import Boolean, Column, Index, Integer, MetaData, String, Table
+from sqlalchemy import BigInteger, Boolean, Column, Index, Integer, MetaData, String, Table
 
 from mountnav.journal.database import Facts, Number, UtcTime, Words
 
-HEAD = "0003"
+HEAD = "0004"
 """The newest version, as `migrations` names it."""
 
 metadata = MetaData()
@@ -185,9 +185,34 @@ audit = Table(
     Column("detail", Words, nullable=False),
     Column("status", Integer),
     Column("job_id", Words),
+    Column("chain_no", BigInteger),
+    Column("sha256", String(64)),
+    Column("seal", String(64)),
     Index("audit_by_time", "utc"),
     Index("audit_by_telescope", "telescope", "row_id"),
     Index("audit_by_caller", "caller", "row_id"),
+    Index("audit_by_chain", "chain_no", unique=True),
+)
+
+audit_head = Table(
+    "audit_head",
+    metadata,
+    Column("id", Integer, primary_key=True, autoincrement=False),
+    Column("chain_no", BigInteger, nullable=False),
+    Column("sha256", String(64), nullable=False),
+    Column("seal", String(64)),
+)
+
+audit_gap = Table(
+    "audit_gap",
+    metadata,
+    Column("first_no", BigInteger, primary_key=True, autoincrement=False),
+    Column("last_no", BigInteger, nullable=False),
+    Column("last_sha256", String(64), nullable=False),
+    Column("why", Words, nullable=False),
+    Column("removed_utc", UtcTime, nullable=False),
+    Column("run_id", String(64), nullable=False),
+    Column("seal", String(64)),
 )
 
 lease = Table(

@@ -4,7 +4,8 @@ Thinning removes a few rows at a time. Kept forever: commands with their outcome
 models, settings, segments, syncs, refusals, faults and the service. Removed when they are older than asked
 or the file grows too big: looks, jobs that are over, and entries of decisions, links, nights, jobs,
 centerings, what was learned, and notes. Audits are removed when they are older than asked; a file that grows
-too big loses only those of guide pulses, so that nobody can push their own audits out of it.
+too big loses only those of guide pulses, so that nobody can push their own audits out of it. Their chain
+tells of the gap, and a row of its own what was removed (`mountnav.journal.audit_chain`).
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from datetime import datetime, timedelta
 from sqlalchemy import URL, Column, Connection, Table, delete, func, select, text
 from sqlalchemy.sql.elements import ColumnElement
 
-from mountnav.clock import utc_now
+from mountnav.clock import seconds, utc_now
+from mountnav.journal.audit_and_leases import AuditRow, audit_values
+from mountnav.journal.audit_chain import AuditKey, append_audit, remove_audits
 from mountnav.journal.database import BUSY_S, FAULTS, connectable, file_of, shown_url
 from mountnav.journal.reading import JournalReader
 from mountnav.journal.records import CommandRecord, EntryKind
@@ -209,6 +212,9 @@ _AT_ONCE = 200
 # Seconds until the next look for old rows when nothing was left to remove. Chosen by hand: rows are kept
 # for days.
 _EVERY_S = 6 * 3600.0
+_AHEAD = timedelta(days=1)
+"""So far the clock may be set ahead while a service runs before retention stops believing it. Doubled, rows
+go two days early by a clock that is wrong."""
 _NEWEST_KEPT = 100
 """So many of the newest entries stay in any case: what a restart takes up again."""
 
@@ -223,12 +229,20 @@ class Thinning:
         0 for no bound.
     max_size_mb : float
         Of a file; 0 for no bound.
+    audit_key : AuditKey or None
+        What seals gaps of the audit.
+    run_id : str
+        Of the run that removes.
     """
 
     keep_days: float = 0.0
     max_size_mb: float = 0.0
+    audit_key: AuditKey | None = None
+    run_id: str = ""
     clock_s: Callable[[], float] = time.monotonic
     _next_s: float = 0.0
+    _audits: int = 0
+    _began: tuple[datetime, float] | None = None
 
     @property
     def wanted(self) -> bool:
@@ -241,19 +255,53 @@ class Thinning:
             return False
         removed = 0
         if self.keep_days > 0:
-            limit = utc_now() - timedelta(days=self.keep_days)
+            limit = self._now() - timedelta(days=self.keep_days)
             removed += _remove(connection, look, look.c.row_id, look.c.utc < limit)
             removed += _remove(connection, entry, entry.c.row_id, entry.c.utc < limit, _passing(connection))
             over = job.c.finished_utc.is_not(None)
             removed += _remove(connection, job, job.c.job_id, job.c.created_utc < limit, over)
-            removed += _remove(connection, audit, audit.c.row_id, audit.c.utc < limit)
+            why = f"older than {self.keep_days:g} days"
+            removed += self._remove_audits(connection, why, audit.c.utc < limit)
         if removed == 0 and self.max_size_mb > 0 and _size_of_file_mb(connection) > self.max_size_mb:
             removed += _remove(connection, look, look.c.row_id)
             removed += _remove(connection, entry, entry.c.row_id, _passing(connection))
-            removed += _remove(connection, audit, audit.c.row_id, audit.c.what == _PULSE)
+            why = f"guide pulses of a journal of more than {self.max_size_mb:g} MB"
+            removed += self._remove_audits(connection, why, audit.c.what == _PULSE)
         if removed == 0:
+            self._tell_audits(connection)
             self._next_s = self.clock_s() + _EVERY_S
         return removed > 0
+
+    def _now(self) -> datetime:
+        """Now, but no more than a day ahead of what has passed: a clock set to 2038 empties no journal."""
+        if self._began is None:
+            self._began = utc_now(), seconds()
+        began_utc, began_s = self._began
+        return min(utc_now(), began_utc + timedelta(seconds=seconds() - began_s) + _AHEAD)
+
+    def _remove_audits(self, connection: Connection, why: str, condition: ColumnElement[bool]) -> int:
+        removed = remove_audits(
+            connection,
+            condition,
+            most=_AT_ONCE,
+            why=why,
+            run_id=self.run_id,
+            utc=utc_now(),
+            key=self.audit_key,
+        )
+        self._audits += removed
+        return removed
+
+    def _tell_audits(self, connection: Connection) -> None:
+        """Write into the audit how many of its rows were removed since the last such row."""
+        if not self._audits:
+            return
+        told = {"rows": self._audits, "keep_days": self.keep_days, "max_size_mb": self.max_size_mb}
+        row = AuditRow(
+            *(utc_now(), "", "the service", "configure", "service", "", "audit-thinned", told, "taken")
+        )
+        append_audit(connection, audit_values(row, self.run_id), self.audit_key)
+        self._audits = 0
 
 
 def _passing(connection: Connection) -> ColumnElement[bool]:

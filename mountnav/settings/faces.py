@@ -9,6 +9,8 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from mountnav.settings.certificates import require_certificate_files
+from mountnav.settings.networks import Network, in_networks, is_everywhere
 from mountnav.settings.section import Section
 
 
@@ -41,6 +43,8 @@ class AlpacaSettings(_HandMotions):
     open : bool
         Whether whoever reaches the port may operate telescopes through it without a key, though keys are
         configured; else they need one (HTTP Basic, or X-API-Key).
+    allow : tuple of str
+        With `open`: the addresses and networks that need no key; all if none is named.
     auto_connect : bool
         Whether a telescope that the service has connected counts as connected for every client at once;
         some never ask.
@@ -57,9 +61,14 @@ class AlpacaSettings(_HandMotions):
     discovery: bool = True
     discovery_port: int = Field(default=32227, ge=0, le=65535)
     open: bool = False
+    allow: tuple[Network, ...] = Field(default=(), max_length=100)
     auto_connect: bool = True
     location: str = Field(default="", max_length=200)
     silence_s: float = Field(default=5.0, gt=0, le=60)
+
+    def admits(self, address: str) -> bool:
+        """Whether whoever comes from there needs no key."""
+        return self.open and (not self.allow or in_networks(address, self.allow))
 
 
 class _Port(Section):
@@ -68,6 +77,11 @@ class _Port(Section):
     enabled: bool = False
     host: str = "127.0.0.1"
     open: bool = Field(default=False)
+    allow: tuple[Network, ...] = Field(default=(), max_length=100)
+
+    def admits(self, address: str) -> bool:
+        """Whether whoever comes from there may come in without a key: this machine may in any case."""
+        return in_networks(address, self.allow) or (self.open and not self.allow)
 
     @property
     def is_loopback(self) -> bool:
@@ -85,7 +99,7 @@ class _Door(_Port):
 
     @model_validator(mode="after")
     def _wide_is_said(self) -> Self:
-        if self.enabled and not self.is_loopback and not self.open:
+        if self.enabled and not self.is_loopback and not self.open and not self.allow:
             raise PydanticCustomError(
                 "wide_without_keys",
                 "listening on {host} lets every machine that reaches it move the telescope: "
@@ -93,8 +107,15 @@ class _Door(_Port):
                 {
                     "host": self.host,
                     "key": "host",
-                    "fix": 'set host = "127.0.0.1", or say open = true if the network is trusted',
+                    "fix": 'set host = "127.0.0.1", or name who may come, allow = ["192.168.1.0/24"], or say '
+                    "open = true if the whole network is trusted",
                 },
+            )
+        if not self.open and any(is_everywhere(one) for one in self.allow):
+            raise PydanticCustomError(
+                "everybody_without_keys",
+                "allow lets the whole world in, and this protocol knows no keys",
+                {"key": "allow", "fix": "name the networks that are meant, or say open = true as well"},
             )
         return self
 
@@ -108,13 +129,20 @@ class IndiServerSettings(_Door, _HandMotions):
     host, port
         Where it listens; port 0 takes any free one.
     open : bool
-        Whether others than this machine may reach it: the protocol knows no keys.
+        Whether others than this machine may come in, all that reach it unless `allow` names some: the
+        protocol knows no keys.
+    allow : tuple of str
+        Addresses and networks (``192.168.1.17``, ``192.168.1.0/24``) that may come in; this machine may in
+        any case.
     move_axis_s, offset_rates_s : float
         Ends of motion keys and custom rates: a key that isn't released ends so long after it was pressed, s;
         custom rates end at most so long after the connection that set them, s.
+    telescopes : tuple of str
+        Those that are shown; all if none is named.
     """
 
     port: int = Field(default=7624, ge=0, le=65535)
+    telescopes: tuple[str, ...] = Field(default=(), max_length=100)
 
 
 class _OneTelescopesDoor(_Door):
@@ -132,7 +160,11 @@ class Lx200ServerSettings(_OneTelescopesDoor):
     host, port
         Where it listens; port 0 takes any free one.
     open : bool
-        Whether others than this machine may reach it: the protocol knows no keys.
+        Whether others than this machine may come in, all that reach it unless `allow` names some: the
+        protocol knows no keys.
+    allow : tuple of str
+        Addresses and networks (``192.168.1.17``, ``192.168.1.0/24``) that may come in; this machine may in
+        any case.
     telescope : str or None
         Which; the first one if left out.
     move_axis_s : float
@@ -156,7 +188,11 @@ class StellariumSettings(_OneTelescopesDoor):
     host, port
         Where it listens; port 0 takes any free one.
     open : bool
-        Whether others than this machine may reach it: the protocol knows no keys.
+        Whether others than this machine may come in, all that reach it unless `allow` names some: the
+        protocol knows no keys.
+    allow : tuple of str
+        Addresses and networks (``192.168.1.17``, ``192.168.1.0/24``) that may come in; this machine may in
+        any case.
     telescope : str or None
         Which; the first one if left out.
     """
@@ -214,18 +250,7 @@ class NovaSettings(_Port):
 
     @model_validator(mode="after")
     def _files_are_named(self) -> Self:
-        named = self.certificate is not None, self.certificate_key is not None
-        if (self.tls == "files") != all(named) or (self.tls != "files" and any(named)):
-            raise PydanticCustomError(
-                "certificate_files",
-                "tls = {tls} with certificate and certificate_key {named}",
-                {
-                    "tls": repr(self.tls),
-                    "named": "named" if all(named) else "not both named",
-                    "key": "tls",
-                    "fix": 'tls = "files" with both of them, or tls = "self" or "off" without',
-                },
-            )
+        require_certificate_files(self.tls, self.certificate, self.certificate_key)
         return self
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from mountnav.journal.database import default_url
+from mountnav.journal.database import audit_key_beside, default_url
 from mountnav.settings.section import Section
 
 
@@ -32,17 +33,26 @@ class JournalSettings(Section):
         killed; a power cut or a crash of the machine can lose what the operating system still held:
         ``commands``: the last looks and notes, never a command or its outcome; ``always``: nothing;
         ``never``: all of the last seconds.
+    audit_key_file : Path or None
+        The key that seals the audit, made if it isn't there (mode 0600). None: ``audit.key`` beside the
+        file, else in the folder of the user's state. Whoever has it can forge the audit.
     """
 
     url: str = Field(default="", max_length=1000)
     keep_days: float = Field(default=1100.0, ge=0, le=100_000)
     max_size_mb: float = Field(default=4096.0, ge=0, le=1_000_000)
     fsync: Literal["commands", "always", "never"] = "commands"
+    audit_key_file: Path | None = None
 
     @property
     def where(self) -> str:
         """Path or URL."""
         return self.url or default_url()
+
+    @property
+    def audit_key_path(self) -> Path:
+        """Where the audit's key is."""
+        return self.audit_key_file or audit_key_beside(self.where)
 
     @model_validator(mode="after")
     def _url_makes_sense(self) -> Self:

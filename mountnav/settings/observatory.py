@@ -144,6 +144,13 @@ class Settings(Section):
                         "fix": "name one that is there",
                     },
                 )
+        for wanted in self.indi_server.telescopes:
+            if wanted not in ids:
+                raise PydanticCustomError(
+                    "no_such_telescope",
+                    "indi_server.telescopes names {wanted}, which is none of the telescopes",
+                    {"wanted": repr(wanted), "key": "telescopes", "fix": "name those that are there"},
+                )
         return self
 
     @classmethod

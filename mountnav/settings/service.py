@@ -5,11 +5,12 @@ from __future__ import annotations
 import ipaddress
 import re
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from mountnav.settings.certificates import require_certificate_files
 from mountnav.settings.section import Section
 
 _ORIGIN = re.compile(r"https?://(\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+)(:\d{1,5})?")
@@ -39,6 +40,20 @@ class ServiceSettings(Section):
         HTTP connections at a time; fewer where the system's limit of open files leaves no room.
     connections_per_address : int
         Of these from one address. Behind a reverse proxy all come from its address.
+    address_limit_per_s : float
+        Requests per second of one address, whatever keys they show; 0 for no limit. Stops are never limited.
+        At once come twice as many.
+    streams_per_caller : int
+        Streams of events that one caller may hold open.
+    tls : {"off", "self", "files"}
+        https: with a certificate that mountnav makes itself, or with that of `certificate` and
+        `certificate_key`. A reverse proxy may do it instead.
+    certificate, certificate_key : Path or None
+        PEM files; they are read again when they change.
+    log_form : {"auto", "text", "json", "journald"}
+        How lines are written to the standard error; auto: journald's where it reads it, else text.
+    log_level : {"debug", "info", "warning", "error"}
+        What is below isn't written.
     cors_origins : tuple of str
         Pages of these origins (``https://host[:port]``) may use the API from a browser. Empty: none but the
         service's own.
@@ -58,6 +73,13 @@ class ServiceSettings(Section):
     rate_burst: int = Field(default=400, ge=1, le=1_000_000)
     max_connections: int = Field(default=512, ge=8, le=512)
     connections_per_address: int = Field(default=128, ge=4, le=512)
+    address_limit_per_s: float = Field(default=2000.0, ge=0, le=1_000_000)
+    streams_per_caller: int = Field(default=64, ge=1, le=512)
+    tls: Literal["off", "self", "files"] = "off"
+    certificate: Path | None = None
+    certificate_key: Path | None = None
+    log_form: Literal["auto", "text", "json", "journald"] = "auto"
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
     cors_origins: tuple[str, ...] = ()
     events_kept: int = Field(default=1000, ge=10, le=100_000)
     jobs_kept: int = Field(default=1000, ge=10, le=100_000)
@@ -88,6 +110,11 @@ class ServiceSettings(Section):
                     },
                 )
         return origins
+
+    @model_validator(mode="after")
+    def _files_are_named(self) -> Self:
+        require_certificate_files(self.tls, self.certificate, self.certificate_key)
+        return self
 
     @model_validator(mode="after")
     def _wide_needs_token(self) -> Self:

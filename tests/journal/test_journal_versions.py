@@ -80,14 +80,14 @@ def test_a_newer_journal_is_refused_and_left_alone(tmp_path: Path) -> None:
 
 def test_an_upgrade_that_fails_changes_nothing(old_file: Path) -> None:
     """It is one transaction: killed in the middle of it, the old journal is there."""
-    from mountnav.journal.migrations.versions import v0003_audit
+    from mountnav.journal.migrations.versions import v0004_audit_chain
 
-    assert v0003_audit.revision == HEAD
+    assert v0004_audit_chain.revision == HEAD
     with closing(sqlite3.connect(old_file)) as connection:
         # what the last step of the upgrade is about to make is there already
-        connection.execute("CREATE TABLE lease (telescope TEXT)")
+        connection.execute("CREATE TABLE audit_gap (first_no INTEGER)")
         connection.commit()
-    with pytest.raises(Exception, match="lease"):
+    with pytest.raises(Exception, match="audit_gap"):
         open_journal(old_file)
     with closing(sqlite3.connect(old_file)) as connection:
         tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}

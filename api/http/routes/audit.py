@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from pydantic import BaseModel, Field
 
+from api.access.security import TheCaller, require_telescope
 from api.http.journal_views import Instant
 from api.problems import responses
 from mountnav.journal.audit_and_leases import AuditRow
@@ -51,6 +52,7 @@ class AuditPageView(BaseModel):
 @router.get("/audit", responses=responses())
 def list_audit(
     request: Request,
+    caller_asks: TheCaller,
     telescope: Annotated[str | None, Query(max_length=100)] = None,
     caller: Annotated[str | None, Query(max_length=100, description="The name of a key")] = None,
     since: Annotated[Instant | None, Query(description="From then on; UTC unless it tells a zone")] = None,
@@ -60,11 +62,14 @@ def list_audit(
         str | None, Query(pattern=r"^[0-9]{1,18}$", description="`next_cursor` of the page before")
     ] = None,
 ) -> AuditPageView:
-    """Who ordered what, newest first."""
+    """Who ordered what, newest first; a key for some telescopes is shown those."""
+    if telescope is not None:
+        require_telescope(caller_asks, telescope)
     reader: JournalReader = request.app.state.service.journal.reader
     wanted = Wanted(telescope=telescope, since=since, until=until)
     rows = reader.audits(
         telescope=wanted.telescope,
+        telescopes=caller_asks.telescopes,
         caller=caller,
         since=wanted.since,
         until=wanted.until,

@@ -55,10 +55,13 @@ async def get_capabilities(request: Request, service: TheService, caller: TheCal
                 most_offset_arcsec_s=_most_offset(telescope.navigator.mount),
             )
             for telescope in service.dispatcher.telescopes
+            if caller.reaches(telescope.id)
         ],
         faces={"http": http, "alpaca": alpaca, **listener_views(service)},
         roles=[str(role) for role in Role],
         your_role=str(caller.role),
+        your_telescopes=None if caller.telescopes is None else sorted(caller.telescopes),
+        your_key_ends_utc=caller.key_ends_utc,
         problems=sorted(SLUGS),
         virtual=virtual_view(),
     )

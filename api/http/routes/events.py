@@ -11,6 +11,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header
 from fastapi.responses import StreamingResponse
 
+from api.access.security import TheCaller
 from api.events import Event, Reader, pieces
 from api.orders.jobs import ENDS, Job
 from api.problems import responses
@@ -108,9 +109,18 @@ LastEventId = Annotated[
 
 
 @router.get("/events", response_class=StreamingResponse, responses={**responses(), **STREAM})
-async def follow_events(service: TheService, last_event_id: LastEventId = None) -> EventStream:
-    """Events from now on, or from `Last-Event-ID` on; a comment each 15 s keeps the connection alive."""
-    return EventStream(service.events.reader(last_event_id))
+async def follow_events(
+    service: TheService, caller: TheCaller, last_event_id: LastEventId = None
+) -> EventStream:
+    """Events from now on, or from `Last-Event-ID` on; a comment each 15 s keeps the connection alive.
+
+    A key for some telescopes is told of those, and of the service.
+    """
+
+    def about(event: Event) -> bool:
+        return caller.reaches(event.data.get("telescope")) or not event.data.get("telescope")
+
+    return EventStream(service.events.reader(last_event_id, None if caller.telescopes is None else about))
 
 
 @router.get(

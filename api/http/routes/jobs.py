@@ -19,9 +19,10 @@ Count = Annotated[int, Query(ge=1, le=10_000, description="At most so many")]
 
 
 @router.get("/jobs", responses=responses())
-async def list_jobs(service: TheService, count: Count = 1000) -> list[JobView]:
-    """All jobs still remembered, newest first."""
-    return [job_view(job) for job in service.jobs.all()[:count]]
+async def list_jobs(service: TheService, caller: TheCaller, count: Count = 1000) -> list[JobView]:
+    """All jobs still remembered, newest first: those of the telescopes that the key is for."""
+    found = [job for job in service.jobs.all() if caller.reaches(job.telescope)]
+    return [job_view(job) for job in found[:count]]
 
 
 @router.get("/telescopes/{telescope_id}/jobs", responses=responses(404))

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
 
+from api.access.security import TheCaller, require_telescope
 from api.http.journal_views import Instant, JournalPageView, RunView, page_view, run_view
 from api.problems import responses
 from api.service import TheTelescope
@@ -35,6 +36,7 @@ TheReader = Annotated[JournalReader, Depends(_reader)]
 @router.get("/journal", responses=responses())
 def list_journal(
     reader: TheReader,
+    caller: TheCaller,
     telescope: Annotated[str | None, Query(max_length=100)] = None,
     kind: Annotated[
         list[str] | None, Query(description="look, command, sync, refusal, fault, ...; may be repeated")
@@ -52,9 +54,15 @@ def list_journal(
     limit: Limit = 100,
     cursor: CursorText = None,
 ) -> JournalPageView:
-    """Everything that was written down, as one story in the order of time."""
+    """Everything that was written down, as one story in the order of time.
+
+    A key for some telescopes is shown the lines of those.
+    """
+    if telescope is not None:
+        require_telescope(caller, telescope)
     wanted = Wanted(
         telescope=telescope,
+        telescopes=caller.telescopes,
         kinds=frozenset(kind or ()),
         since=since,
         until=until,

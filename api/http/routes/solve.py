@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Request
 
 from api.access.callers import Role
-from api.access.security import TheCaller, require_role
+from api.access.security import TheCaller, require_role, require_telescope
 from api.http.bodies import received
 from api.problems import responses
 from api.service import TheService
@@ -89,6 +89,7 @@ async def solve_upload(
     if telescope is not None:
         # a key that may only solve sees no telescopes
         require_role(caller, Role.VIEW)
+        require_telescope(caller, telescope)
     hint = make_hint(ra_deg, dec_deg, radius_deg, scale_low_arcsec_px, scale_high_arcsec_px)
     settings = service.solve_settings(telescope)
     settings = replace(settings, blind=blind or settings.blind, budget_s=budget_s or settings.budget_s)

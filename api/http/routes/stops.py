@@ -57,7 +57,7 @@ async def stop_telescope(
     },
 )
 async def stop_all(service: TheService, caller: TheCaller, response: Response) -> StopAllView:
-    """Stop all telescopes now, and answer within 2 s. Needs no body.
+    """Stop all telescopes now, and answer within 2 s. Needs no body. A key for some stops those.
 
     A telescope that is not connected, and can't be reached now either, is told as such in the answer; one
     that is connected and could not be told to stop makes it a 502 `stop-failed`. Of one that takes longer it

@@ -27,9 +27,11 @@ IfNoneMatch = Annotated[
 
 
 @router.get("", response_model=list[TelescopeView], responses={**responses(), **_STATE})
-async def list_telescopes(request: Request, answers: Answers, if_none_match: IfNoneMatch = None) -> Response:
-    """All telescopes and their state, as they were read last. Asks no device."""
-    return answered(request, answers.all())
+async def list_telescopes(
+    request: Request, answers: Answers, caller: TheCaller, if_none_match: IfNoneMatch = None
+) -> Response:
+    """All telescopes that the key is for and their state, as they were read last. Asks no device."""
+    return answered(request, answers.all(caller.telescopes))
 
 
 @router.get("/{telescope_id}", response_model=TelescopeView, responses={**responses(404), **_STATE})

@@ -64,7 +64,7 @@ def test_the_last_key_revoked_opens_nothing(path: Path) -> None:
     [
         b"",
         b"{",
-        b'{"version": 2, "keys": []}',
+        b'{"version": 3, "keys": []}',
         b'{"version": 1, "keys": [{"name": "x"}]}',
         b"\xff\xfe",
         b'{"version": 1, "keys": [], "more": 1}',

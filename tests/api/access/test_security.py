@@ -6,6 +6,7 @@ import asyncio
 import base64
 import re
 from collections.abc import AsyncIterator
+from datetime import timedelta
 from pathlib import Path
 
 import httpx
@@ -237,10 +238,15 @@ async def test_the_first_key_shuts_a_running_service(
 
 
 async def test_a_stream_of_a_revoked_key_tells_nothing_more(observatory_toml: str, tmp_path: Path) -> None:
-    """On a real socket: the next event is not told any more, and the stream ends."""
+    """On a real socket: the next event is not told any more, and the stream ends.
+
+    So does that of a key that has come to its end, and of one that may see less than as it came.
+    """
     store = KeyStore(tmp_path / "keys.json")
     _, listens = store.new("listens", Role.VIEW)
     _, stays = store.new("stays", Role.VIEW)
+    _, ends = store.new("ends", Role.VIEW)
+    _, narrows = store.new("narrows", Role.VIEW)
     app = create_app(Settings.parse(observatory_toml))
     server = make_server(app, log_level="warning")
     with bind("127.0.0.1", 0) as listener:
@@ -252,14 +258,21 @@ async def test_a_stream_of_a_revoked_key_tells_nothing_more(observatory_toml: st
             async with (
                 client.stream("GET", url, headers={"X-API-Key": listens}) as revoked,
                 client.stream("GET", url, headers={"X-API-Key": stays}) as other,
+                client.stream("GET", url, headers={"X-API-Key": ends}) as ended,
+                client.stream("GET", url, headers={"X-API-Key": narrows}) as narrowed,
             ):
                 events = app.state.service.events
                 events.publish("first", {})
                 heard, kept = revoked.aiter_lines(), other.aiter_lines()
-                await _until(heard, "event: first")
+                others = ended.aiter_lines(), narrowed.aiter_lines()
+                for one in (heard, *others):
+                    await _until(one, "event: first")
                 store.revoke("listens")
+                store.change("ends", lasts=timedelta(milliseconds=1))
+                store.change("narrows", telescopes=["east"])
                 events.publish("second", {})
-                assert [line async for line in heard if "second" in line] == []
+                for one in (heard, *others):
+                    assert [line async for line in one if "second" in line] == []
                 await _until(kept, "event: second")
         server.should_exit = True
         await task

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from api.nova import certificate as room
-from api.nova.certificate import own_certificate
+from api.listeners import certificate as room
+from api.listeners.certificate import own_certificate
 from mountnav.errors import BadSettings
 from mountnav.settings.observatory import Settings
 from tests.api.nova.nova_service import HINT, OBSERVATORY, drawn, standing
@@ -77,7 +77,7 @@ async def test_a_client_that_trusts_the_certificate(tmp_path: Path, caplog: pyte
     """As Ekos' does once the file lies among the system's; the name in the address is checked too."""
     own_certificate(tmp_path, "127.0.0.1")
     context = ssl.create_default_context(cafile=str(tmp_path / "nova-tls.crt"))
-    with caplog.at_level(logging.INFO, "api.nova.server"):
+    with caplog.at_level(logging.INFO, "api.listeners.tls"):
         async with standing('tls = "self"', verify=context) as nova:
             assert nova.url.startswith("https://")
             job = await nova.solved(drawn(), **HINT)

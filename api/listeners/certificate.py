@@ -1,4 +1,4 @@
-"""A certificate that the service makes for itself: https for programs that insist on it.
+"""A certificate that the service makes for itself: one way for its own port and for the nova API's.
 
 Key and certificate lie in the folder of the service's state, for their owner alone; the certificate also in a
 file without the key, to be installed where it is to be trusted.
@@ -21,16 +21,15 @@ if TYPE_CHECKING:
 
 __all__ = ["own_certificate"]
 
-_FILE, _PUBLIC_FILE = "nova-tls.pem", "nova-tls.crt"
 _VALID_DAYS = 800
 """How long a certificate is valid, days: below the 825 that Apple's systems take at most."""
 _RENEWED_DAYS = 30
-"""One that ends within so many days is made anew at the next start. Doubled, a month earlier."""
+"""One that ends within so many days is made anew, also while the service runs. Doubled, a month earlier."""
 _SLOW_CLOCK_DAYS = 1
 """It is valid from so many days before its making, for clients whose clocks are behind."""
 
 
-def own_certificate(folder: Path, host: str) -> tuple[Path, str]:
+def own_certificate(folder: Path, host: str, name: str = "nova") -> tuple[Path, str]:
     """The service's own certificate, made if there is none that is good any more.
 
     Parameters
@@ -39,6 +38,8 @@ def own_certificate(folder: Path, host: str) -> tuple[Path, str]:
         Of the service's state.
     host : str
         Where it listens; named in the certificate, besides localhost and this machine's name.
+    name : str
+        Whose it is: of the files, ``NAME-tls.pem`` and ``NAME-tls.crt``, and in the certificate.
 
     Returns
     -------
@@ -60,10 +61,10 @@ def own_certificate(folder: Path, host: str) -> tuple[Path, str]:
     except ImportError as missing:
         raise BadSettings(
             "a certificate of its own needs the package cryptography",
-            device="nova",
+            device=name,
             advice='install mountnav[tls], or name a certificate of yours with tls = "files"',
         ) from missing
-    path = folder / _FILE
+    path, public_path = folder / f"{name}-tls.pem", folder / f"{name}-tls.crt"
     now = datetime.now(UTC)
     names = _names(host)
     try:
@@ -76,7 +77,7 @@ def own_certificate(folder: Path, host: str) -> tuple[Path, str]:
     except (OSError, ValueError, x509.ExtensionNotFound):
         pass  # none yet, or none that can be used: it is made anew
     key = ec.generate_private_key(ec.SECP256R1())
-    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "mountnav nova API")])
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"mountnav {name}")])
     made = (
         x509.CertificateBuilder()
         .subject_name(subject)
@@ -100,7 +101,7 @@ def own_certificate(folder: Path, host: str) -> tuple[Path, str]:
         os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, FILE_MODE))
         path.chmod(FILE_MODE)
         replace_bytes(path, secret + public)
-        replace_bytes(folder / _PUBLIC_FILE, public)
+        replace_bytes(public_path, public)
     except OSError as fault:
         raise BadSettings(
             f"the certificate can't be written: {fault.strerror}",
