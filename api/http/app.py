@@ -46,6 +46,7 @@ from api.http.routes import (
     solve,
     stops,
     telescopes,
+    tonight,
     wire,
 )
 from api.http.strict_requests import KnownQueryOnly
@@ -188,6 +189,7 @@ def _common_routes() -> APIRouter:
         last_frame,
         offsets,
         sky_view,
+        tonight,
         forecast,
         leases,
         audit,
