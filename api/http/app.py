@@ -46,6 +46,7 @@ from api.http.routes import (
     solve,
     stops,
     telescopes,
+    tonight,
     wire,
 )
 from api.http.routes.help import router as help_router
@@ -203,6 +204,7 @@ def _common_routes() -> APIRouter:
         last_frame,
         offsets,
         sky_view,
+        tonight,
         forecast,
         leases,
         audit,

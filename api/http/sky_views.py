@@ -10,11 +10,14 @@ from datetime import datetime, timedelta
 
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
+from api.http.headline_views import HeadlineView, headline_view
+from api.observatory.last_frame import LastFrame
 from api.orders.job import Job
 from api.orders.job_views import Finite, Place
 from api.orders.targets import Target, icrs_of
 from mountnav.clock import utc_now
 from mountnav.errors import MountnavError
+from mountnav.mount import CheckedMount
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.reports import CenterReport, SlewReport, TelescopeState
 from mountnav.pointing.limits.bodies import bodies
@@ -29,7 +32,7 @@ from mountnav.sky.chain import (
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, GeometricHourAngle, HourAngle, Icrs, Site
 from mountnav.sky.sphere import gnomonic, gnomonic_inverse, half_turn_deg
 
-__all__ = ["LimitsView", "SkyView", "aim_of", "limits_view", "sky_view"]
+__all__ = ["LimitsView", "SkyView", "aim_of", "headline_target", "limits_view", "sky_view"]
 
 
 _TARGET: TypeAdapter[Target] = TypeAdapter(Target)
@@ -172,6 +175,7 @@ class SkyView(BaseModel):
         description="The great circle from here to the target of a job that runs; the axes may go another way"
     )
     asked: PlaceAskedView | None = Field(description="The place that was asked for")
+    headline: HeadlineView = Field(description="What it is on, how well, and for how long yet")
 
 
 def limits_view(telescope_id: str, navigator: Navigator) -> LimitsView:
@@ -205,7 +209,12 @@ def limits_view(telescope_id: str, navigator: Navigator) -> LimitsView:
 
 
 def sky_view(
-    navigator: Navigator, state: TelescopeState, running: Job | None, jobs: Sequence[Job], asked: Icrs | None
+    navigator: Navigator,
+    state: TelescopeState,
+    running: Job | None,
+    jobs: Sequence[Job],
+    asked: Icrs | None,
+    frames: LastFrame | None = None,
 ) -> SkyView:
     """Show the sky of a telescope.
 
@@ -219,6 +228,8 @@ def sky_view(
         Its own, newest first.
     asked : Icrs or None
         A place to be told of as well.
+    frames : LastFrame, optional
+        What its frames showed.
     """
     site, air = navigator.mount.site, navigator.mount.air
     utc = utc_now()
@@ -248,7 +259,17 @@ def sky_view(
         target_job_id=None if aimed_by is None else aimed_by.id,
         way=_way(navigator, here, aim, utc) if here is not None and aim is not None and goes_there else [],
         asked=None if asked is None else _place_asked(navigator, asked, utc, state),
+        headline=headline_view(navigator.mount, state, running, aimed_by, aim, frames, utc),
     )
+
+
+def headline_target(
+    mount: CheckedMount, state: TelescopeState, running: Job | None, utc: datetime
+) -> Icrs | None:
+    """What a telescope goes to, else where it looks; None where that isn't known."""
+    if running is not None and (aim := aim_of(running, utc, mount.site, mount.air)) is not None:
+        return aim
+    return state.icrs if state.connected else None
 
 
 def _ahead(

@@ -28,6 +28,7 @@ from api.service import Service
 from mountnav.devices import MountReading
 from mountnav.mount import CheckedMount
 from mountnav.sky.chain import icrs_to_hour_angle, sidereal_time_deg
+from mountnav.sky.coordinates import SIDEREAL_DEG_S
 
 __all__ = ["Answer", "StateAnswers", "answered", "knows", "state_answers", "telescope_view"]
 
@@ -81,6 +82,8 @@ def telescope_view(
         tracking=None if reading is None else reading.tracking,
         parked=None if reading is None else reading.parked,
         pier_side=str(reading.pier_side) if reading is not None and reading.pier_side else None,
+        still_since_utc=snapshot.still_since_utc,
+        time_to_meridian_s=None if here is None else -here.ha_deg / SIDEREAL_DEG_S,
         time_to_limit_s=None if limit is None else limit.after_s,
         next_limit=limit,
         rates=rates_view(mount),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import io
+from collections import deque
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -22,7 +23,7 @@ from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Verdict
 from mountnav.solving.settings import SolveSettings
 
-__all__ = ["LARGEST_PX", "MEDIA_TYPE", "Kept", "LastFrame", "Preview", "preview_of"]
+__all__ = ["LARGEST_PX", "MEDIA_TYPE", "Kept", "LastFrame", "Preview", "SkySeen", "preview_of"]
 
 
 LARGEST_PX = 1400
@@ -33,6 +34,9 @@ _QUALITY = 72
 _SAMPLE = 400_000
 """Pixels that the sky level and its noise are estimated from, at the most about; chosen by hand. Halved,
 the estimate's own error grows by 1.4; doubled, a preview takes longer."""
+_SEEN_AT_MOST = 2000
+"""So many frames' figures of the sky are remembered, some 200 kB: a night of a look every twenty seconds.
+Halved, the strip of a long night of short exposures begins in its middle."""
 # the sky lies a little above black, and a star of some hundred sigmas is white
 _BLACK_SIGMAS, _WHITE_SIGMAS, _SOFT = 1.5, 300.0, 0.02
 
@@ -133,11 +137,31 @@ class Kept:
     preview: Preview | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class SkySeen:
+    """What a solved frame showed of the sky.
+
+    Attributes
+    ----------
+    utc : datetime
+        Mid-exposure; when it was solved, where the frame tells none.
+    fwhm_arcsec, zero_point_mag, limiting_mag : float or None
+        As `mountnav.measuring.measurements.SkyQuality` has them.
+    exposure_s : float or None
+    """
+
+    utc: datetime
+    fwhm_arcsec: float | None
+    zero_point_mag: float | None
+    limiting_mag: float | None
+    exposure_s: float | None
+
+
 class LastFrame:
     """A solver that also remembers the last frame it solved. It listens; it never steers.
 
     Only the newest frame is held: one frame's memory for each telescope, and once somebody looked at it only
-    a small picture.
+    a small picture. Of those before, `seen` keeps what they showed of the sky.
 
     Parameters
     ----------
@@ -149,6 +173,7 @@ class LastFrame:
         self._solve = solve
         self._making = asyncio.Lock()
         self.kept: Kept | None = None
+        self.seen: deque[SkySeen] = deque(maxlen=_SEEN_AT_MOST)
 
     async def __call__(self, frame: Frame, hint: Hint, settings: SolveSettings) -> Verdict:
         """Solve, and remember; as `mountnav.navigation.equipment.Solve`."""
@@ -165,6 +190,17 @@ class LastFrame:
             believed=hint.center,
             verdict=verdict,
         )
+        quality = verdict.quality
+        if verdict.solution is not None and quality is not None:
+            self.seen.append(
+                SkySeen(
+                    utc=frame.mid_exposure_utc or self.kept.solved_utc,
+                    fwhm_arcsec=quality.fwhm_arcsec,
+                    zero_point_mag=quality.zero_point_mag,
+                    limiting_mag=quality.limiting_mag,
+                    exposure_s=frame.exposure_s,
+                )
+            )
         return verdict
 
     async def preview(self) -> tuple[Kept, Preview] | None:

@@ -379,6 +379,16 @@ class TelescopeView(BaseModel):
     pier_side: str | None = Field(
         default=None, description="Side of the pier, as ASCOM counts: east is normal"
     )
+    still_since_utc: datetime | None = Field(
+        default=None,
+        description="Of the first reading from which on the mount was seen to go nowhere but with the stars "
+        "(or, where `tracking` is false, to stand); null while it slews or is not read",
+    )
+    time_to_meridian_s: Finite = Field(
+        default=None,
+        description="How long until the place it looks at crosses the meridian above the pole; negative: so "
+        "long ago, up to 12 hours of the sky's turning",
+    )
     time_to_limit_s: Finite = Field(
         default=None,
         description="How long it can track until a limit is reached; null if it doesn't track, or reaches "

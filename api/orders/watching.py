@@ -16,12 +16,21 @@ from mountnav.clock import real_s, utc_now
 from mountnav.navigation.reports import TelescopeState
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Apparent
+from mountnav.sky.sphere import separation_arcsec
 from mountnav.tasks import begun, fault_words
 
-__all__ = ["Snapshot", "Watch", "apparent_place"]
+__all__ = ["Snapshot", "Watch", "apparent_place", "still_since"]
 
 
 _log = logging.getLogger(__name__)
+
+
+_STILL_ARCSEC = 30.0
+"""What a still mount's reading may change by: LX200 mounts round to 15″ in right ascension, the short format
+to 90″, which then counts as moved. Doubled, a nudge of a minute of arc is not noticed."""
+_STILL_ARCSEC_S = 20.0
+"""And by so much a second: one that stands while the sky turns reads 15.04″/s. Doubled, a motion by hand at
+twice the guide rate is not noticed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,12 +45,16 @@ class Snapshot:
         Counts up.
     job : Job or None
         What holds the telescope.
+    still_since_utc : datetime or None
+        Of the first reading from which on the mount was seen to go nowhere but with the stars; None while it
+        slews or isn't read.
     """
 
     state: TelescopeState
     utc: datetime
     revision: int
     job: Job | None
+    still_since_utc: datetime | None = None
 
     @property
     def slewing(self) -> bool:
@@ -56,6 +69,28 @@ class Snapshot:
         return self.state.reading is not None and bool(self.state.reading.slewing)
 
 
+def still_since(since_utc: datetime | None, before: TelescopeState, now: TelescopeState) -> datetime | None:
+    """Since when a mount is still, by its next reading; None while it moves or can't be read.
+
+    Parameters
+    ----------
+    since_utc : datetime or None
+        What was known until now.
+    before, now : TelescopeState
+        Of two readings, one after the other.
+    """
+    last, reading = before.reading, now.reading
+    if not now.connected or reading is None or reading.slewing:
+        return None
+    if since_utc is None or last is None or not before.connected:
+        return reading.utc
+    if before.icrs is None or now.icrs is None:
+        return since_utc
+    took_s = max(0.0, (reading.utc - last.utc).total_seconds())
+    moved_arcsec = separation_arcsec(before.icrs, now.icrs)
+    return since_utc if moved_arcsec <= _STILL_ARCSEC + _STILL_ARCSEC_S * took_s else reading.utc
+
+
 class Watch:
     """Reads one telescope's state again and again."""
 
@@ -66,6 +101,7 @@ class Watch:
         self._state = TelescopeState(telescope.id, False, "idle", None, None, None, None, telescope.problem)
         self._utc = utc_now()
         self._revision = 0
+        self._still_since_utc: datetime | None = None
         self._news = asyncio.Event()
         self._wake = asyncio.Event()
         self._turn = asyncio.Lock()
@@ -74,7 +110,8 @@ class Watch:
     @property
     def latest(self) -> Snapshot:
         """What is known now. Asks no device. The job is the one of this very moment."""
-        return Snapshot(self._state, self._utc, self._revision, self._jobs.running_on(self._telescope.id))
+        job = self._jobs.running_on(self._telescope.id)
+        return Snapshot(self._state, self._utc, self._revision, job, self._still_since_utc)
 
     def start(self) -> None:
         """Begin to read."""
@@ -142,6 +179,7 @@ class Watch:
         self.wake()
 
     def _take(self, state: TelescopeState) -> None:
+        self._still_since_utc = still_since(self._still_since_utc, self._state, state)
         self._state, self._utc = state, utc_now()
         self._revision += 1
         news, self._news = self._news, asyncio.Event()

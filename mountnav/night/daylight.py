@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import lru_cache
 
 import erfa
 import numpy as np
@@ -19,6 +21,13 @@ _DARK_BELOW_DEG = -18.0
 _STEP = timedelta(minutes=5)
 """Between two instants that are tried for the dark: the Sun sinks by up to 1.25° in it. Chosen by hand;
 doubled, the simulated night that looks for it begins up to 10 minutes late."""
+
+
+_PASS_STEP = timedelta(minutes=20)
+"""Between two instants at which the Sun is asked for: where it comes to an altitude and goes back within
+less, at the edge of polar nights, both are missed. Doubled, twice as much is."""
+_PASS_EXACT = timedelta(seconds=0.5)
+"""An instant is found to this. Doubled, the second that is told may be the next one."""
 
 
 def sun_altitude_deg(utc: datetime, site: Site) -> float:
@@ -53,6 +62,56 @@ def dark_from(utc: datetime, site: Site) -> datetime:
     heights = [sun_altitude_deg(instant, site) for instant in day]
     dark = next((one for one, height in zip(day, heights, strict=True) if height <= _DARK_BELOW_DEG), None)
     return day[heights.index(min(heights))] if dark is None else dark
+
+
+@dataclass(frozen=True, slots=True)
+class SunPass:
+    """An instant at which the Sun's center comes to an altitude.
+
+    Attributes
+    ----------
+    utc : datetime
+        To a second.
+    rising : bool
+    """
+
+    utc: datetime
+    rising: bool
+
+
+@lru_cache(maxsize=64)
+def sun_passes(since: datetime, hours: float, altitude_deg: float, site: Site) -> tuple[SunPass, ...]:
+    """When the Sun comes to an altitude, in the order of time; empty where it doesn't, as in polar summers.
+
+    Parameters
+    ----------
+    since : datetime
+        Aware. The answer is kept: give a round one, such as a day's noon.
+    hours : float
+        How far from there; up to some days.
+    altitude_deg : float
+        Of the center, no refraction: -0.833 where the upper edge is seen to rise, -18 where it gets dark.
+    """
+
+    def above(utc: datetime) -> float:
+        return sun_altitude_deg(utc, site) - altitude_deg
+
+    steps = math.ceil(hours * 3600.0 / _PASS_STEP.total_seconds())
+    instants = [since + number * _PASS_STEP for number in range(steps + 1)]
+    heights = [above(instant) for instant in instants]
+    found: list[SunPass] = []
+    for begin, end, low, high in zip(instants, instants[1:], heights, heights[1:], strict=False):
+        if (low < 0.0) == (high < 0.0):
+            continue
+        rising, (first, last) = high >= 0.0, (begin, end)
+        while last - first > _PASS_EXACT:
+            middle = first + (last - first) / 2
+            if (above(middle) >= 0.0) == rising:
+                last = middle
+            else:
+                first = middle
+        found.append(SunPass(last.replace(microsecond=0), rising))
+    return tuple(found)
 
 
 def night_name(telescope: str, utc: datetime, site: Site) -> str:

@@ -40,4 +40,4 @@ async def get_sky(
     asked = None if ra_deg is None or dec_deg is None else Icrs(ra_deg, dec_deg)
     snapshot = service.dispatcher.watch(telescope.id).latest
     jobs = [job for job in service.jobs.all() if job.telescope == telescope.id]
-    return sky_view(telescope.navigator, snapshot.state, snapshot.job, jobs, asked)
+    return sky_view(telescope.navigator, snapshot.state, snapshot.job, jobs, asked, telescope.last_frame)
