@@ -103,7 +103,7 @@ CATCH_UP_S = 8.0
 as fast, for twice as long."""
 MOST_CATCH_UP_ARCSEC_S = 15.0
 """... and no faster, ″/s: the sky's own speed. Doubled, it takes half the time."""
-FAST_CATCH_UP_S, FAST_CATCH_UP_SHARE = 3.0, 0.2
+FAST_CATCH_UP_S, FAST_CATCH_UP_SHARE = 3.0, 0.5
 """The same of a fast target: in so much time, and no faster than this share of its own speed. Doubled, a
 pass is half over before it is caught."""
 DEAD_SHARE = 0.1
@@ -151,6 +151,9 @@ more as a rule: one shows how far off it points, the next that it was made good.
 ODD_SIGMAS = 5.0
 """A look so many sigmas from what was known counts only when the next one agrees with it. Doubled, a false
 solution moves the tube on a pass."""
+READY_S, READY_ARCSEC_S, READY_ARCSEC = 4.0, 0.05, 4.0 * 3600.0
+"""So long before a fast target comes, s, a rate of next to nothing is ordered, ″/s, if it is so near, ″: the
+guard is started and the path is looked at by then. Halved, a slow machine begins a pass late."""
 SLIPS = 3
 """So many readings in a row must show that a fast target's rates are not kept. Doubled, a mount goes the
 wrong way for twice as long; at 1, one late reading is an alarm."""
@@ -411,14 +414,14 @@ class Following:
         self._by = plan.by
         await self._equipment.note(EntryKind.DECISION, f"follows {self._target.name} {plan.words}", {})
         centered: CenterReport | None = None
-        if plan.fast:
-            await self._wait_ahead()
-        else:
-            self._tell("centering", plan.words)
-            centered = await self._centered()
-        began = self._clock.utc()
-        self._tell("following", plan.words)
         try:
+            if plan.fast:
+                await self._wait_ahead()
+            else:
+                self._tell("centering", plan.words)
+                centered = await self._centered()
+            began = self._clock.utc()
+            self._tell("following", plan.words)
             await together(self._steer(), self._look_on())
         finally:
             await self._over()
@@ -509,6 +512,7 @@ class Following:
             guide_deg_s=mount.guide_rates_deg_s if pulses else None,
             slew_s=pace.slew_s(60.0) + pace.until_exposed_s(self._policy.settle_s),
             device=mount.name,
+            step_arcsec=mount.resolution_arcsec,
         )
 
     # -- getting there -------------------------------------------------------------------------------
@@ -612,10 +616,24 @@ class Following:
                 f"no look shows how it points there: it may be {stated / 60.0:.0f}′ off (one sigma); "
                 "center a place on the path before the pass"
             )
-        wait_s = (comes - clock.utc()).total_seconds()
-        if wait_s > 0.0:
-            await self._pause(wait_s)
-        self._require_wanted()
+        await self._pause_unwoken((comes - clock.utc()).total_seconds() - READY_S)
+        await self._get_ready()
+        await self._pause_unwoken((comes - clock.utc()).total_seconds())
+
+    async def _get_ready(self) -> None:
+        """Order a rate that is next to none: what a first order takes is over when the target comes."""
+        now = self._clock.utc()
+        ends = min(now + timedelta(seconds=HELD_S), self._until + timedelta(seconds=BEYOND_S))
+        ahead = separation_arcsec(from_mount((await self._mount.reading()).place), self._path(now))
+        if ahead > READY_ARCSEC:
+            return  # so far from its path the mount takes no rates along it: the first order begins them
+        rates = OffsetRates(
+            0.0,
+            math.copysign(READY_ARCSEC_S, mount_rates(self._path, now, self._mount.epoch, 1.0).dec_arcsec_s),
+        )
+        await self._mount.set_offset_rates(rates, ends_utc=ends, path=self._path)
+        self._in_force = True
+        self._order_s = max(0.05, min(self._order_s, (self._clock.utc() - now).total_seconds()))
 
     def _comes(self, here: Icrs, more_s: float) -> datetime:
         """When the target comes by a place that can be reached before it, with so much time besides."""
@@ -823,8 +841,8 @@ class Following:
             led_s = max((utc - self._anchor.utc).total_seconds(), 1e-3)
             await self._alarm(place, utc, wrong, led_s)
             return
-        sigma = max(1.0, 0.5 * resolution, 0.02 * speed)
-        self._tube = self._tube.seen(place, utc, sigma, self._kept)
+        # orders take effect late by what nobody knows: at such speeds the reading says more than the count
+        self._tube = self._tube.moved_to(place, utc, max(1.0, 0.5 * resolution, 0.02 * speed))
 
     def _speed(self, utc: datetime) -> float:
         """How fast the target moves over the sky then, ″/s."""
