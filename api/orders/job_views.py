@@ -662,6 +662,7 @@ def _follow(report: FollowReport) -> FollowView:
         worst_arcsec=report.worst_arcsec,
         rms_arcsec=report.rms_arcsec,
         last_arcsec=report.last_arcsec,
+        stated_arcsec=report.stated_arcsec,
         renewed=report.renewed,
         verdict=None if judged is None else judged.words,
         fault=None if report.fault is None else str(report.fault),

@@ -285,6 +285,10 @@ class FollowView(BaseModel):
     worst_arcsec: Finite = None
     rms_arcsec: Finite = None
     last_arcsec: Finite = None
+    stated_arcsec: Finite = Field(
+        default=None,
+        description="Of a fast pass: how far off it may have been by all that was known, rms of one sigma",
+    )
     renewed: int = Field(description="So often rates, pulses or slews were ordered")
     verdict: str | None = Field(default=None, description="Of the rates, the last one, in words")
     fault: str | None = Field(default=None, description="The last one that was named")

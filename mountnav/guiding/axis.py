@@ -55,8 +55,25 @@ _LONGEST_OFF = 15.0
 turned round for errors that noise alone makes."""
 _YOUNG_LOOKS = 30
 """Before so many looks of a field the bank isn't begun anew by a surprise: it has hardly been thinned out."""
+UNPROVEN_SCATTERS, USELESS_SCATTERS, USELESS_SIGMAS = 1.5, 4.0, 2.0
+"""And only what is off by so many times what looks scatter, whatever the forecast says of its own error: what
+lies within the scatter costs little, and a correction by it is luck. More, once the looks have shown with so
+many sigma that the forecast is worse than none. Doubled, a drift is followed later at the beginning."""
+_SCATTER_LOOKS = 30
+"""Scatter is that of so many of the last looks, from one to the next. Doubled, a wind that rises counts
+later."""
+HARM_SIGMAS, HARM_MEMORY, HARM_LEAST = 2.5, 0.97, 10
+"""Corrections do harm if what is off is more with them than it would be without, by so many sigma, of the
+looks that are remembered so (some 30), and after so many at least. Then they are taken back and none are made
+until looks show anew that they would help. Halved, one night in ten is left alone by chance."""
+_UNDONE_SCATTERS = 0.3
+"""What was corrected is taken back to so much of the scatter: nearer than that nobody sees it."""
 _COAST_SIGMAS = 1.0
 """Without a new look only what is off by so many sigma of the forecast is corrected."""
+
+
+_MEDIAN_OF_DIFFERENCES = 0.6745 * math.sqrt(2.0)
+"""Median of the absolute difference of two draws over the sigma of one, of a Gaussian; mathematics."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +112,13 @@ class HeldAxis:
         Whether a period is sought: an axis that follows the sky swings, one that stands doesn't.
     period_s : float, optional
         Known period of the worm.
+
+    Attributes
+    ----------
+    worth_it : bool
+        Whether looks have shown that their forecast beats doing nothing.
+    backed_off : bool
+        Whether corrections were seen to do harm: they are taken back, and none are made until it is worth it.
     """
 
     def __init__(
@@ -123,7 +147,9 @@ class HeldAxis:
         self._seek_at = 10
         self._asked = self._asked_least = self._asked_most = self._last_amount = 0.0
         self._owed = False
-        self.worth_it = False
+        self.worth_it = self.backed_off = False
+        self._harm = self._harm_variance = 0.0
+        self._harm_looks = 0
 
     def _told(self, event: _Seen | _Moved | _Jumped | _Shifted) -> None:
         if not self._story_over:
@@ -184,6 +210,8 @@ class HeldAxis:
         if self._looks < LEAST_LOOKS or self.fault() is not None:
             return NO_CORRECTION
         self._moved_on(utc_s)
+        if self.backed_off and not self._owed:
+            return self._taken_back(utc_s, interval_s) if fresh else NO_CORRECTION
         paths, weights = self._filter.forecast(utc_s, node_times(interval_s))
         sigmas = 0.0 if self.worth_it or self._owed else UNPROVEN_SIGMAS
         if self._looks < EARLY_LOOKS and not self._owed:
@@ -191,6 +219,10 @@ class HeldAxis:
         if not fresh:
             sigmas = max(sigmas, _COAST_SIGMAS)
         margin = 0.0 if sigmas == 0.0 else (sigmas * self._filter.forecast_sigma_arcsec(utc_s)) ** 2
+        if sigmas == UNPROVEN_SIGMAS:
+            useless = self._score < -USELESS_SIGMAS * math.sqrt(self._score_variance)
+            least = USELESS_SCATTERS if useless else UNPROVEN_SCATTERS
+            margin = max(margin, (least * self._scatter()) ** 2)
         fare = 0.0 if self.actuator.play_arcsec == 0.0 else self._fare(paths, weights)
         best = choose(
             paths,
@@ -204,6 +236,37 @@ class HeldAxis:
         if best.none:
             self._owed = False
         return best
+
+    def _taken_back(self, utc_s: float, interval_s: float) -> AxisCorrection:
+        """What puts the axis back to where it would be without corrections."""
+        _, weights = self._filter.forecast(utc_s, node_times(interval_s))
+        play = self._filter.play
+        paths = np.repeat(play.made[:, None], node_times(interval_s).size, axis=1)
+        margin = (_UNDONE_SCATTERS * self._scatter()) ** 2
+        return choose(paths, weights, play, interval_s, uncertain_arcsec2=margin)
+
+    def _scatter(self) -> float:
+        """What looks scatter by, from one to the next; 0 of too few."""
+        if len(self._without) < 3:
+            return 0.0
+        last = [self._without[at][1] for at in range(-min(len(self._without), _SCATTER_LOOKS), 0)]
+        return float(np.median(np.abs(np.diff(last)))) / _MEDIAN_OF_DIFFERENCES
+
+    def _judge_harm(self, seen_arcsec: float, without: float, noise_arcsec2: float) -> None:
+        """Hold what is off against what would be without any correction; the noise is in both."""
+        made = seen_arcsec - without
+        self._harm = HARM_MEMORY * self._harm + seen_arcsec**2 - without**2
+        self._harm_variance = HARM_MEMORY**2 * self._harm_variance + 4.0 * noise_arcsec2 * made**2
+        self._harm_looks += 1
+        if self.backed_off:
+            self.backed_off = not self.worth_it
+            return
+        sure = self._harm > HARM_SIGMAS * math.sqrt(self._harm_variance)
+        if made != 0.0 and sure and self._harm_looks >= HARM_LEAST:
+            self.backed_off, self.worth_it = True, False
+            # what looks show from now on decides whether it is corrected again
+            self._score = self._score_variance = self._harm = self._harm_variance = 0.0
+            self._harm_looks = 0
 
     def _fare(self, paths: Array, weights: Array) -> float:
         """What turning the motor round costs: twice what it disturbs, for it turns back some time.
@@ -240,6 +303,8 @@ class HeldAxis:
         self._without.append((utc_s, without - self._jumps, sigma_arcsec))
         sure = SURE_SIGMAS * math.sqrt(self._score_variance)
         self.worth_it = self._score > (0.0 if self.worth_it else sure)
+        if not self._owed:
+            self._judge_harm(seen_arcsec, without, max(noise, self._scatter() ** 2))
         if len(self._story) > _MOST_STORY:
             self._story.clear()
             self._story_over = True
@@ -272,6 +337,8 @@ class HeldAxis:
         self._jumps = self._dithered = 0.0
         self._looks, self._seek_at = 0, 10
         self._score = self._score_variance = 0.0
+        self._harm = self._harm_variance = 0.0
+        self._harm_looks, self.backed_off = 0, False
         self._asked = self._asked_least = self._asked_most = self._last_amount = 0.0
         self.worth_it = False
         self.period_told = self.period_s is not None

@@ -267,6 +267,7 @@ class Centering:
                 decision = self._equipment.guard.consider(found, SyncTrigger.CENTERING, target=self._key)
             ends.followed(followed)
             ends.believed()
+            self._slewing.seen = found
             if error.total_arcsec <= self._tolerance:
                 latest = await self._at_rest(found)
                 if latest is None:

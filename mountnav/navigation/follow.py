@@ -38,16 +38,19 @@ from mountnav.errors import (
     Cancelled,
     DeviceRefused,
     LimitKind,
+    ModelRefused,
     MountMoved,
     MountnavError,
     NotReached,
     OutsideLimits,
     Refusal,
     SolveFailed,
+    SyncDoubt,
     SyncRefused,
     TargetNotReached,
 )
 from mountnav.journal.records import EntryKind
+from mountnav.navigation.beside import Aim, Beside
 from mountnav.navigation.centering import center_in_time
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.follow_plan import (
@@ -63,6 +66,7 @@ from mountnav.navigation.look import LookOptions, expose_and_solve
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.rates_kept import RATES_KEPT
 from mountnav.navigation.rates_seen import (
+    TIME_SIGMA_S,
     OrderedRates,
     RateFault,
     RateLook,
@@ -72,10 +76,11 @@ from mountnav.navigation.rates_seen import (
 )
 from mountnav.navigation.reports import CenterReport, Look, finite_or_none
 from mountnav.navigation.slewing import Slewing
+from mountnav.navigation.sync_trigger import SyncTrigger
 from mountnav.navigation.tube_estimate import TubeEstimate, rates_on_sky
 from mountnav.pointing.limits.along import Path, SkyEvent, SkyEventKind, forecast
 from mountnav.sky.coordinates import Apparent, Icrs, Site
-from mountnav.sky.sphere import Offset, displaced, offset_arcsec, separation_arcsec
+from mountnav.sky.sphere import Offset, offset_arcsec, separation_arcsec
 from mountnav.tasks import together, waited_for
 
 __all__ = ["FollowEnd", "FollowProgress", "FollowReport", "Following", "progress_facts"]
@@ -98,6 +103,9 @@ CATCH_UP_S = 8.0
 as fast, for twice as long."""
 MOST_CATCH_UP_ARCSEC_S = 15.0
 """... and no faster, ″/s: the sky's own speed. Doubled, it takes half the time."""
+FAST_CATCH_UP_S, FAST_CATCH_UP_SHARE = 3.0, 0.5
+"""The same of a fast target: in so much time, and no faster than this share of its own speed. Doubled, a
+pass is half over before it is caught."""
 DEAD_SHARE = 0.1
 """What is off by less than this share of the tolerance is left. Doubled, less is corrected, and less
 disturbed."""
@@ -129,6 +137,26 @@ LEG_LOOKS = 12
 """Rates are judged by so many of the last looks. Doubled, rates that are lost meanwhile are seen later."""
 ENOUGH_TO_CONFIRM = 3
 """So many looks must agree with a correction before it is kept for good. Doubled, it takes as many more."""
+MOST_STREAK_PX, SHORTEST_STREAK_S = 40.0, 0.02
+"""On a fast pass stars may be drawn out so far, pixels: the middle of an even streak is a place; and it is
+exposed for no less, s. Doubled, fewer streaks end within the frame, and they are fainter."""
+STREAK_EVERY_S = 4.0
+"""Between the beginnings of two looks on a fast pass, s. Doubled, one look fewer in each ten seconds."""
+SOLVED_S = 5.0
+"""From the end of an exposure to what it says, s: reading out and solving, at most as a rule. Doubled, a pass
+that has just time for a look ahead has none."""
+LOOKS_AHEAD = 3
+"""So many looks are taken where a fast target is waited for, while there is time. Doubled, none is taken
+more as a rule: one shows how far off it points, the next that it was made good."""
+ODD_SIGMAS = 5.0
+"""A look so many sigmas from what was known counts only when the next one agrees with it. Doubled, a false
+solution moves the tube on a pass."""
+READY_S, READY_ARCSEC_S, READY_ARCSEC = 4.0, 0.05, 4.0 * 3600.0
+"""So long before a fast target comes, s, a rate of next to nothing is ordered, ″/s, if it is so near, ″: the
+guard is started and the path is looked at by then. Halved, a slow machine begins a pass late."""
+SLIPS = 3
+"""So many readings in a row must show that a fast target's rates are not kept. Doubled, a mount goes the
+wrong way for twice as long; at 1, one late reading is an alarm."""
 WAIT_AHEAD_S = 10.0
 """A fast target is waited for so long before it comes, s, at least. Halved, some are missed."""
 SHORTEST_PULSE_S = 0.02
@@ -136,6 +164,18 @@ SHORTEST_PULSE_S = 0.02
 MOST_TOLD = 1000
 """So many looks of one job are kept with it; more are told as events alone. Doubled, a job of a night that
 looks every few seconds is a row of 2 MB."""
+SLIP_SHARE, SLIP_S = 0.4, 0.1
+"""A fast target's rates are not kept where a reading is off by this share of its way since the one before,
+and what it goes in so much time, s. Doubled, rates that are ignored may pass for kept ones."""
+MOST_VAGUE_ARCSEC = 600.0
+"""A fast pass of which is known no better how the mount points, one sigma, ″, is told so: it would be
+outside of most frames. And so far no look moves the tube alone: two must agree. Doubled, 20′."""
+OF_A_MOVING_TUBE = frozenset(
+    {SyncDoubt.MOVED, SyncDoubt.OLDER_THAN_MOVE, SyncDoubt.NOT_FRESH, SyncDoubt.NOT_TRACKING}
+)
+"""Doubts about a look that are none on a pass: there the tube moves among the stars, as it was told."""
+WORST_CENTER_ARCSEC = 30.0
+"""A center whose error isn't known is taken to be so far off, ″. Doubled, such looks count for less."""
 MISSES = 6
 """Looks in a row that weren't solved, after which that is told once more."""
 
@@ -148,6 +188,10 @@ def _clipped(target: Ephemeris, site: Site) -> Path:
         return target.icrs(utc if ends is None else min(utc, ends), site)
 
     return path
+
+
+def _rms(values: list[float]) -> float | None:
+    return math.sqrt(sum(one**2 for one in values) / len(values)) if values else None
 
 
 class FollowEnd(StrEnum):
@@ -218,6 +262,9 @@ class FollowReport:
         How far off the looks were from the second one on; None without.
     within : int
         So many of those were within the tolerance.
+    stated_arcsec : float or None
+        Of a fast target: how far off it may have been by all that was known, rms of one sigma; it is followed
+        by the mount's readings. None of a slow one: its looks say it.
     tolerance_arcsec : float
     renewed : int
         So often rates were ordered, or pulses, or slews.
@@ -246,6 +293,7 @@ class FollowReport:
     rms_arcsec: float | None
     last_arcsec: float | None
     within: int
+    stated_arcsec: float | None
     tolerance_arcsec: float
     renewed: int
     judgement: RatesJudgement | None
@@ -332,7 +380,12 @@ class Following:
         self._by = FollowBy.RATES
         self._side = PierSide.UNKNOWN
         self._tube: TubeEstimate | None = None
-        self._beside = Offset(0.0, 0.0)
+        self._beside = self._beside_by(None, 0.0)
+        self._odd: Look | None = None
+        self._phase = "centering"
+        self._slips = 0
+        self._anchor: RateLook | None = None
+        self._stated: list[float] = []
         self._kept: list[OrderedRates] = []
         self._sent: list[OrderedRates] = []
         self._leg: list[RateLook] = []
@@ -361,14 +414,14 @@ class Following:
         self._by = plan.by
         await self._equipment.note(EntryKind.DECISION, f"follows {self._target.name} {plan.words}", {})
         centered: CenterReport | None = None
-        if plan.fast:
-            await self._wait_ahead()
-        else:
-            self._tell("centering", plan.words)
-            centered = await self._centered()
-        began = self._clock.utc()
-        self._tell("following", plan.words)
         try:
+            if plan.fast:
+                await self._wait_ahead()
+            else:
+                self._tell("centering", plan.words)
+                centered = await self._centered()
+            began = self._clock.utc()
+            self._tell("following", plan.words)
             await together(self._steer(), self._look_on())
         finally:
             await self._over()
@@ -459,6 +512,7 @@ class Following:
             guide_deg_s=mount.guide_rates_deg_s if pulses else None,
             slew_s=pace.slew_s(60.0) + pace.until_exposed_s(self._policy.settle_s),
             device=mount.name,
+            step_arcsec=mount.resolution_arcsec,
         )
 
     # -- getting there -------------------------------------------------------------------------------
@@ -487,46 +541,164 @@ class Following:
         self._tube = TubeEstimate.of(place, utc, max(report.error_sigma_arcsec, 0.1))
         reading = await self._mount.reading()
         # it has tracked as for a star since
-        self._beside = offset_arcsec(from_mount(reading.place), report.tries[-1].seen)
+        sigma = report.error_sigma_arcsec
+        sigma = max(sigma, 0.1) if math.isfinite(sigma) else WORST_CENTER_ARCSEC
+        believed = from_mount(reading.place)
+        self._beside = self._beside.anew(report.tries[-1].seen, believed, reading.utc, sigma)
         self.notes += [note for note in report.notes if note not in self.notes]
         return report
 
+    def _beside_by(self, aim: Aim | None, sigma_arcsec: float) -> Beside:
+        equipment = self._equipment
+        return Beside.nothing_seen(equipment.site, equipment.air, self._mount.mounting, aim, sigma_arcsec)
+
+    def _beside_before(self, ahead: Icrs, side: PierSide) -> Beside:
+        """What is known before a look of how far beside its belief the tube looks, there, on that side."""
+        equipment = self._equipment
+        pointing, aim = equipment.pointing, None
+        if equipment.apply_model and pointing.model_id is not None:
+
+            def aim(place: Icrs, utc: datetime) -> Icrs:
+                try:
+                    return pointing.aim(place, utc, side)
+                except ModelRefused:
+                    return place
+
+        expected = self._slewing.expected(ahead, side)
+        sigma = self._policy.search_radius_deg * 3600.0 if expected is None else expected.sigma_arcsec
+        known = self._beside_by(aim, sigma)
+        seen = self._slewing.seen
+        if seen is None or seen.segment_id != self._mount.segment_id:
+            return known
+        if {seen.after.side, side} == {PierSide.EAST, PierSide.WEST}:
+            return known  # on the other side of the pier it says nothing
+        self._note(
+            f"aimed by the look of {seen.mid_exposure_utc:%H:%M:%S} UTC, which saw the tube "
+            f"{seen.offset.total_arcsec:.0f}″ beside where the mount believed to point"
+        )
+        own = seen.solution.center_sigma_arcsec
+        return known.anew(
+            seen.seen,
+            seen.believed,
+            seen.mid_exposure_utc,
+            own if math.isfinite(own) else WORST_CENTER_ARCSEC,
+        )
+
     async def _wait_ahead(self) -> None:
-        """Slew to where the target will come by, and wait for it there."""
-        clock = self._clock
+        """Slew to where the target will come by, look how far off that is, and wait for it there."""
+        clock, policy, pace = self._clock, self._policy, self._slewing.pace
         here = from_mount((await self._mount.reading()).place)
-        lead_s = WAIT_AHEAD_S
-        for _ in range(4):
-            comes = clock.utc() + timedelta(seconds=lead_s)
-            way = separation_arcsec(here, self._path(min(comes, self._until)))
-            lead_s = 1.2 * self._slewing.pace.slew_s(way) + WAIT_AHEAD_S
-        comes = clock.utc() + timedelta(seconds=lead_s)
+        look_s = pace.until_exposed_s(policy.settle_s) + policy.exposure_s + SOLVED_S
+        # the look, and a small slew by what it shows
+        comes = self._comes(here, look_s + pace.slew_s(3600.0))
         if comes >= self._until:
+            comes = self._comes(here, 0.0)
+        if comes >= self._until:
+            lead_s = (comes - clock.utc()).total_seconds()
             raise BadRequest(
                 f"{self._target.name} is over before the telescope could be on its path ({lead_s:.0f} s)",
                 advice="nothing was moved; order it earlier, to wait for it",
             )
         ahead = self._path(comes)
-        aim = self._slewing.aimed(ahead, await self._slewing.side_at(ahead))
+        self._side = await self._slewing.side_at(ahead)
+        self._beside = self._beside_before(ahead, self._side)
         self._tell("waiting", f"slews ahead of it, to wait for {comes:%H:%M:%S} UTC")
-        await self._slewing.slew(ahead, aim)
+        await self._slewing.slew(ahead, self._beside.aim(ahead, comes))
         self._require_wanted()
-        found = None
-        if (comes - clock.utc()).total_seconds() > self._policy.exposure_s + WAIT_AHEAD_S:
-            found = await self._looked(self._policy.exposure_s)
+        comes = await self._look_ahead(comes, look_s)
         reading = await self._mount.reading()
-        believed = from_mount(reading.place)
         self._side = reading.side
-        # without a look the model's aim is what is known
-        self._beside = (
-            offset_arcsec(aim, ahead) if found is None else offset_arcsec(found.believed, found.seen)
-        )
-        seen = displaced(believed, -self._beside.east_arcsec, -self._beside.north_arcsec)
+        seen = self._beside.looks(from_mount(reading.place), reading.utc)
         self._tube = TubeEstimate.of(for_mount(seen, self._mount.epoch, reading.utc), reading.utc, 5.0)
-        wait_s = (comes - clock.utc()).total_seconds()
-        if wait_s > 0.0:
-            await self._pause(wait_s)
-        self._require_wanted()
+        stated = math.sqrt(2.0) * self._beside.sigma_arcsec(seen)
+        if stated > max(MOST_VAGUE_ARCSEC, self._tolerance):
+            self._note(
+                f"no look shows how it points there: it may be {stated / 60.0:.0f}′ off (one sigma); "
+                "center a place on the path before the pass"
+            )
+        await self._pause_unwoken((comes - clock.utc()).total_seconds() - READY_S)
+        await self._get_ready()
+        await self._pause_unwoken((comes - clock.utc()).total_seconds())
+
+    async def _get_ready(self) -> None:
+        """Order a rate that is next to none: what a first order takes is over when the target comes."""
+        now = self._clock.utc()
+        ends = min(now + timedelta(seconds=HELD_S), self._until + timedelta(seconds=BEYOND_S))
+        ahead = separation_arcsec(from_mount((await self._mount.reading()).place), self._path(now))
+        if ahead > READY_ARCSEC:
+            return  # so far from its path the mount takes no rates along it: the first order begins them
+        rates = OffsetRates(
+            0.0,
+            math.copysign(READY_ARCSEC_S, mount_rates(self._path, now, self._mount.epoch, 1.0).dec_arcsec_s),
+        )
+        await self._mount.set_offset_rates(rates, ends_utc=ends, path=self._path)
+        self._in_force = True
+        self._order_s = max(0.05, min(self._order_s, (self._clock.utc() - now).total_seconds()))
+
+    def _comes(self, here: Icrs, more_s: float) -> datetime:
+        """When the target comes by a place that can be reached before it, with so much time besides."""
+        lead_s = WAIT_AHEAD_S
+        for _ in range(4):
+            comes = self._clock.utc() + timedelta(seconds=lead_s)
+            way = separation_arcsec(here, self._path(min(comes, self._until)))
+            lead_s = 1.2 * self._slewing.pace.slew_s(way) + WAIT_AHEAD_S + more_s
+        return self._clock.utc() + timedelta(seconds=lead_s)
+
+    async def _look_ahead(self, comes: datetime, look_s: float) -> datetime:
+        """Look where the tube waits, and put right what that shows; when the target comes there at last."""
+        clock, policy = self._clock, self._policy
+        for _ in range(LOOKS_AHEAD):
+            if (comes - clock.utc()).total_seconds() < look_s:
+                return comes
+            await self._pause_unwoken(policy.settle_s)
+            found = await self._looked(policy.exposure_s)
+            if found is None:
+                continue
+            sigma = found.solution.center_sigma_arcsec
+            if not self._weighed(found, sigma if math.isfinite(sigma) else WORST_CENTER_ARCSEC):
+                continue
+            off = separation_arcsec(found.seen, self._path(comes))
+            if off <= self._tolerance:
+                return comes
+            # what is left of the time is for the slew; the target comes by later, if it takes longer
+            earliest = clock.utc() + timedelta(seconds=self._slewing.pace.slew_s(off) + 0.5 * WAIT_AHEAD_S)
+            comes = max(comes, earliest)
+            if comes >= self._until:
+                raise BadRequest(
+                    f"{self._target.name} is over before the telescope could be on its path",
+                    advice="order it earlier, to wait for it",
+                )
+            ahead = self._path(comes)
+            self._tell("waiting", f"seen {off:.0f}″ off: put right, to wait for {comes:%H:%M:%S} UTC")
+            await self._slewing.slew(ahead, self._beside.aim(ahead, comes))
+            self._require_wanted()
+        return comes
+
+    def _weighed(self, found: Look, sigma_arcsec: float) -> bool:
+        """Take in how far beside its belief a look saw the tube; whether it counts yet."""
+        decision = self._equipment.guard.consider(found, SyncTrigger.CENTERING, target=self._key)
+        against = [doubt for doubt in decision.against_the_sky if doubt not in OF_A_MOVING_TUBE]
+        if against:
+            self._miss(f"it is doubted: {'; '.join(decision.words[doubt] for doubt in against)}")
+            return False
+        utc, before = found.mid_exposure_utc, self._odd
+        thought = self._beside.looks(found.believed, utc)
+        allowed = math.hypot(self._beside.sigma_arcsec(thought), sigma_arcsec)
+        off = separation_arcsec(thought, found.seen)
+        if off <= min(ODD_SIGMAS * math.sqrt(2.0) * allowed, max(MOST_VAGUE_ARCSEC, 3.0 * sigma_arcsec)):
+            self._beside = self._beside.seen(found.seen, found.believed, utc, sigma_arcsec)
+        elif before is not None:
+            alone = self._beside.anew(before.seen, before.believed, before.mid_exposure_utc, sigma_arcsec)
+            again = separation_arcsec(alone.looks(found.believed, utc), found.seen)
+            if again > ODD_SIGMAS * math.hypot(alone.sigma_arcsec(found.seen), sigma_arcsec):
+                self._odd = found
+                return False
+            self._beside = self._beside.anew(found.seen, found.believed, utc, sigma_arcsec)
+        else:
+            self._odd = found
+            return False
+        self._odd, self._slewing.seen = None, found
+        return True
 
     # -- steering ------------------------------------------------------------------------------------
 
@@ -568,9 +740,12 @@ class Following:
         span_s, catch = plan.renew_s, Offset(0.0, 0.0)
         steady = self._steady
         if off.total_arcsec > DEAD_SHARE * self._tolerance and not (steady and self._leg_from is not None):
-            within_s = max(CATCH_UP_S, off.total_arcsec / MOST_CATCH_UP_ARCSEC_S)
-            if not plan.fast:
-                span_s = within_s
+            if plan.fast:
+                most = max(MOST_CATCH_UP_ARCSEC_S, FAST_CATCH_UP_SHARE * self._speed(now))
+                within_s = max(FAST_CATCH_UP_S, off.total_arcsec / most)
+                span_s = min(span_s, 0.5 * FAST_CATCH_UP_S)
+            else:
+                span_s = within_s = max(CATCH_UP_S, off.total_arcsec / MOST_CATCH_UP_ARCSEC_S)
             catch = Offset(-off.east_arcsec / within_s, -off.north_arcsec / within_s)
         span_s = max(SHORTEST_S, 2.0 * self._order_s, min(span_s, (self._until - now).total_seconds()))
         wanted = mount_rates(self._path, now, mount.epoch, span_s)
@@ -611,7 +786,7 @@ class Following:
     @property
     def _steady(self) -> bool:
         """Whether rates are to be judged before anything else is done by them."""
-        if self._verified:
+        if self._verified or (self.plan is not None and self.plan.fast):
             return False
         early = self._judgement is None or self._judgement.verdict == "too-early"
         return not (early and len(self._leg) >= FIRST_LOOKS)
@@ -634,9 +809,11 @@ class Following:
             return
         reading = await self._mount.reading()
         self._side = reading.side
-        believed = from_mount(reading.place)
-        seen = displaced(believed, -self._beside.east_arcsec, -self._beside.north_arcsec)
+        seen = self._beside.looks(from_mount(reading.place), reading.utc)
         place = for_mount(seen, self._mount.epoch, reading.utc)
+        if plan.fast:
+            await self._read_on_fast(place, seen, reading.utc)
+            return
         assert self._tube is not None
         thought = self._tube.at(reading.utc, self._kept)
         led_s = max((reading.utc - self._sent[0].since_utc).total_seconds(), 1e-3)
@@ -646,23 +823,53 @@ class Following:
         wrong = separation_arcsec(from_mount(place), from_mount(thought))
         if since_s >= 0.5 * ALARM_AFTER_S and wrong > ALARM_FACTOR * speed * led_s + ALARM_ARCSEC_S * led_s:
             await self._alarm(place, reading.utc, wrong, led_s)
+
+    async def _read_on_fast(self, place: Apparent | Icrs, seen: Icrs, utc: datetime) -> None:
+        """Where the mount is by a fast target; whether it goes as it was ordered."""
+        assert self._tube is not None
+        speed, resolution = self._speed(utc), self._mount.resolution_arcsec
+        self._stated.append(self._stated_arcsec(seen, utc, speed))
+        if self._anchor is None:
+            self._anchor = RateLook(utc, place, max(2.0, resolution), self._side)
+        thought = self._tube.at(utc, self._kept)
+        wrong = separation_arcsec(from_mount(place), from_mount(thought))
+        since_s = max((utc - self._tube.utc).total_seconds(), 0.0)
+        slack = (SLIP_SHARE * speed + ALARM_ARCSEC_S) * since_s + SLIP_S * speed + 2.0 * resolution
+        self._slips = self._slips + 1 if wrong > slack else 0
+        if self._slips >= SLIPS:
+            self._slips = 0
+            led_s = max((utc - self._anchor.utc).total_seconds(), 1e-3)
+            await self._alarm(place, utc, wrong, led_s)
             return
-        if plan.fast:
-            sigma = max(1.0, 0.5 * self._mount.resolution_arcsec, 0.02 * speed)
-            self._tube = self._tube.seen(place, reading.utc, sigma, self._kept)
+        # orders take effect late by what nobody knows: at such speeds the reading says more than the count
+        self._tube = self._tube.moved_to(place, utc, max(1.0, 0.5 * resolution, 0.02 * speed))
+
+    def _speed(self, utc: datetime) -> float:
+        """How fast the target moves over the sky then, ″/s."""
+        first = self._path(utc)
+        return separation_arcsec(first, self._path(utc + timedelta(seconds=1.0)))
+
+    def _stated_arcsec(self, seen: Icrs, utc: datetime, speed: float) -> float:
+        """How far a tube that follows by its readings may be off, one sigma: all that is known of it."""
+        plan = self.plan
+        left = 0.0 if plan is None else plan.left_arcsec
+        ends = self._target.ends_utc
+        own = self._target.sigma_arcsec(utc if ends is None else min(utc, ends))
+        return math.hypot(math.sqrt(2.0) * self._beside.sigma_arcsec(seen), TIME_SIGMA_S * speed, own, left)
 
     async def _alarm(self, place: Apparent | Icrs, utc: datetime, wrong_arcsec: float, led_s: float) -> None:
         """The mount says itself that it goes elsewhere: end that, and name what it is if that can be."""
         begin, ordered = self._sent[0].since_utc, list(self._sent)
         assert self._tube is not None
-        from_here = self._tube.at(begin, self._kept)
         sigma = max(2.0, self._mount.resolution_arcsec)
-        if isinstance(from_here, Apparent):
-            from_here = replace(from_here, utc=begin)
+        first = self._anchor
+        if first is None:
+            from_here = self._tube.at(begin, self._kept)
+            if isinstance(from_here, Apparent):
+                from_here = replace(from_here, utc=begin)
+            first = RateLook(begin, from_here, sigma, self._side)
         judged = judge_rates(
-            ordered,
-            [RateLook(begin, from_here, sigma, self._side), RateLook(utc, place, sigma, self._side)],
-            doubts=self._rates.doubts,
+            ordered, [first, RateLook(utc, place, sigma, self._side)], doubts=self._rates.doubts
         )
         words = (
             f"the mount itself says that it is {wrong_arcsec:.0f}″ from where {led_s:.1f} s of its rates lead"
@@ -730,14 +937,14 @@ class Following:
         pace = self._slewing.pace
         ahead = self._clock.utc() + timedelta(seconds=pace.slew_s(60.0) + ahead_s)
         place = self._path(min(ahead, self._until))
-        aim = displaced(place, self._beside.east_arcsec, self._beside.north_arcsec)
+        aim = self._beside.aim(place, ahead)
         self._in_force = False
         await self._slewing.slew(place, aim)
         self._require_wanted()
         self._renewed += 1
         reading = await self._mount.reading()
         self._side = reading.side
-        seen = displaced(from_mount(reading.place), -self._beside.east_arcsec, -self._beside.north_arcsec)
+        seen = self._beside.looks(from_mount(reading.place), reading.utc)
         assert self._tube is not None
         sigma = max(2.0, self._mount.resolution_arcsec)
         self._tube = self._tube.moved_to(for_mount(seen, self._mount.epoch, reading.utc), reading.utc, sigma)
@@ -746,6 +953,7 @@ class Following:
     def _begin_leg(self) -> None:
         """What was seen before says nothing of the rates any more."""
         self._sent, self._kept, self._leg, self._leg_from = [], [], [], None
+        self._anchor, self._slips = None, 0
 
     def _prune(self, utc: datetime) -> None:
         """Forget what was ordered long before the first look that counts."""
@@ -773,7 +981,7 @@ class Following:
         plan = self.plan
         assert plan is not None
         if plan.fast:
-            await self._until_the_end()
+            await self._look_on_streaks()
             return
         await self._pause_unwoken(CATCH_UP_S + ALARM_AFTER_S)
         while True:
@@ -799,10 +1007,56 @@ class Following:
                 min(max(0.0, every_s - spent_s), (self._until - self._clock.utc()).total_seconds())
             )
 
+    async def _look_on_streaks(self) -> None:
+        """Look on a fast pass, by the middle of streaks: each look says how far beside the readings it is."""
+        await self._pause_unwoken(FAST_CATCH_UP_S)
+        while True:
+            began = self._clock.monotonic_s()
+            scale = self._scale_arcsec_px()
+            speed = self._speed(min(self._clock.utc(), self._until))
+            exposure_s = self._policy.exposure_s
+            if scale is not None and speed > 0.0:
+                exposure_s = min(exposure_s, max(SHORTEST_STREAK_S, MOST_STREAK_PX * scale / speed))
+            left_s = (self._until - self._clock.utc()).total_seconds()
+            if scale is None or left_s <= exposure_s + 1.0:
+                await self._until_the_end()
+                return
+            found = await self._looked(exposure_s)
+            if found is not None:
+                await self._took_streak(found, speed)
+            spent_s = self._clock.monotonic_s() - began
+            left_s = (self._until - self._clock.utc()).total_seconds()
+            await self._pause_unwoken(min(max(0.0, STREAK_EVERY_S - spent_s), max(0.0, left_s)))
+
+    async def _took_streak(self, found: Look, speed: float) -> None:
+        """What a look on a fast pass shows; along its way no better than its instant is known."""
+        self._missed = 0
+        utc, own = found.mid_exposure_utc, found.solution.center_sigma_arcsec
+        sigma = math.hypot(own if math.isfinite(own) else WORST_CENTER_ARCSEC, TIME_SIGMA_S * speed)
+        off = separation_arcsec(found.seen, self._path(min(utc, self._until)))
+        async with self._hand:
+            self._require_wanted()
+            if not self._kept or utc < self._kept[0].since_utc:
+                return
+            if not self._weighed(found, sigma):
+                self._tell("following", "a look is far from what was known: the next one decides")
+                return
+            self._looks += 1
+            self._off = (off, sigma)
+            if self._looks > 1:
+                self._offs.append(off)
+            assert self._tube is not None
+            self._tube = self._tube.moved_to(for_mount(found.seen, self._mount.epoch, utc), utc, sigma)
+            self._tell("following", f"{off:.0f}″ off", found)
+        self._wake.set()
+
+    def _scale_arcsec_px(self) -> float | None:
+        normal = self._equipment.guard.learned.normal
+        return self._policy.scale_arcsec_px if normal is None else normal.scale_arcsec_px
+
     def _exposure_s(self, plan: FollowPlan) -> float:
         """As long as stars are not drawn out too far."""
-        normal = self._equipment.guard.learned.normal
-        scale = self._policy.scale_arcsec_px if normal is None else normal.scale_arcsec_px
+        scale = self._scale_arcsec_px()
         if scale is None or plan.fastest_arcsec_s <= 0.0:
             return self._policy.exposure_s
         return min(self._policy.exposure_s, MOST_TRAIL_PX * scale / plan.fastest_arcsec_s)
@@ -833,7 +1087,7 @@ class Following:
         self._missed += 1
         if self._missed in (1, MISSES):
             self._note(f"{self._missed} look(s) in a row could not be used: {why}")
-        self._tell("following", f"a look could not be used: {why}")
+        self._tell(self._phase, f"a look could not be used: {why}")
 
     async def _took(self, found: Look) -> None:
         """What a look shows: how far off it is, and at which rates the mount went."""
@@ -851,7 +1105,8 @@ class Following:
             if self._looks > 1:
                 self._offs.append(off.total_arcsec)
             self._side = found.after.side
-            self._beside = offset_arcsec(found.believed, found.seen)
+            self._beside = self._beside.anew(found.seen, found.believed, utc, max(min(sigma, 5.0), 0.05))
+            self._slewing.seen = found
             place = for_mount(found.seen, mount.epoch, utc)
             assert self._tube is not None
             if self._steady:
@@ -1045,6 +1300,7 @@ class Following:
             self._equipment.note_now(EntryKind.DECISION, words, {"target": self._target.name})
 
     def _tell(self, phase: str, words: str, looked: Look | None = None) -> None:
+        self._phase = phase
         now = self._clock.utc()
         event = next((one for one in self._events if one.utc > now), None)
         off, sigma = self._off if self._off is not None else (None, None)
@@ -1084,9 +1340,10 @@ class Following:
             looks=self._looks,
             unsolved=self._unsolved,
             worst_arcsec=max(offs) if offs else None,
-            rms_arcsec=math.sqrt(sum(one**2 for one in offs) / len(offs)) if offs else None,
+            rms_arcsec=_rms(offs),
             last_arcsec=offs[-1] if offs else None,
             within=sum(one <= self._tolerance for one in offs),
+            stated_arcsec=_rms(self._stated),
             tolerance_arcsec=self._tolerance,
             renewed=self._renewed,
             judgement=self._judgement,

@@ -77,6 +77,8 @@ class Means:
         How long a small slew takes, settling included.
     device : str
         Its name, for messages.
+    step_arcsec : float
+        In what steps it can be sent to a place; small slews come no nearer than half of one.
     """
 
     takes_rates: bool
@@ -86,6 +88,7 @@ class Means:
     guide_deg_s: tuple[float, float] | None
     slew_s: float
     device: str
+    step_arcsec: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +187,10 @@ def plan_follow(
         )
     by, every_s, left = others[0]
     instead = others[1][0] if len(others) > 1 else None
-    words = f"by {by.replace('-', ' ')} ({why}), which leaves up to {left:.2g}″: {rates}"
+    steps = ""
+    if by is FollowBy.SLEWS and means.step_arcsec > 0.1 * left:
+        steps = f", {0.5 * means.step_arcsec:.2g}″ of it by the mount's steps"
+    words = f"by {by.replace('-', ' ')} ({why}), which leaves up to {left:.2g}″{steps}: {rates}"
     return FollowPlan(by, instead, fastest, speed, bends, every_s, left, fast, words)
 
 
@@ -219,7 +225,7 @@ def _others(
         left = 0.5 * speed * PULSE_EVERY_S
         if fastest.ra_arcsec_s <= ra and fastest.dec_arcsec_s <= dec and left <= most_left:
             found.append((FollowBy.PULSES, PULSE_EVERY_S, left))
-    left = speed * means.slew_s
+    left = speed * means.slew_s + 0.5 * means.step_arcsec
     if left <= most_left:
         found.append((FollowBy.SLEWS, max(means.slew_s, PULSE_EVERY_S), left))
     return found

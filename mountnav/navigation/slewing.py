@@ -123,12 +123,15 @@ class Slewing:
         How long its slews take, learned from each.
     arrived_utc : datetime or None
         When the last one did.
+    seen : Look or None
+        The last look that was believed: how far beside the mount's belief the tube looked, in its segment.
     """
 
     def __init__(self, equipment: Equipment) -> None:
         self._equipment = equipment
         self.pace = Pace()
         self.arrived_utc: datetime | None = None
+        self.seen: Look | None = None
 
     async def slew(
         self, target: Icrs, aim: Icrs | None = None, *, approach: Offset | None = None

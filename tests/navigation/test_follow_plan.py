@@ -97,3 +97,14 @@ def test_what_no_means_suffice_for_is_refused_with_the_numbers(means: Means) -> 
 def test_fast_targets_are_told_from_slow_ones() -> None:
     assert not plan_follow(bending(50.0, 0.0), BEGIN, END, "icrs", ALL, 5.0).fast
     assert plan_follow(bending(100.0, 0.0), BEGIN, END, "icrs", ALL, 5.0).fast
+
+
+def test_small_slews_promise_no_less_than_the_mounts_steps_allow() -> None:
+    coarse = replace(ALL, takes_rates=False, guide_deg_s=None, step_arcsec=15.0)
+    plan = plan_follow(bending(0.05, 0.02), BEGIN, END, "icrs", coarse, 5.0)
+    assert plan.by is FollowBy.SLEWS
+    assert plan.left_arcsec >= 7.5 + 0.05 * 8.0
+    assert "7.5″ of it by the mount's steps" in plan.words
+    fine = plan_follow(bending(0.05, 0.02), BEGIN, END, "icrs", replace(coarse, step_arcsec=0.0), 5.0)
+    assert fine.left_arcsec == pytest.approx(plan.left_arcsec - 7.5)
+    assert "steps" not in fine.words
