@@ -27,6 +27,8 @@
     │   ├── BadRequest              bad-request          no        values that make no sense together
     │   └── NotFound                not-found            no        no telescope, job or file of that name
     ├── JournalFailed           journal-failed       yes       what is ordered can't be written down
+    ├── StoreFailed             store-failed         yes       an archive's results can't be written
+    │   └── ResultsDiffer       results-differ       no        the same frames gave other results
     ├── StarsUnavailable            stars-unavailable    yes       no catalog has stars for a place just now
     ├── Busy                        busy                 yes       another job holds the telescope
     └── Cancelled                   cancelled            no        somebody stopped it
@@ -378,6 +380,20 @@ class JournalFailed(MountnavError):
 class JournalDamaged(JournalFailed):
     """The journal's file is damaged: it is never used, nor replaced by itself."""
 
+    retryable = False
+
+
+class StoreFailed(MountnavError):
+    """An archive's results can't be written: a full disk, a store that is gone. What is finished stays."""
+
+    slug = "store-failed"
+    retryable = True
+
+
+class ResultsDiffer(StoreFailed):
+    """Frames of an archive were solved twice with the same settings, and the results are not the same."""
+
+    slug = "results-differ"
     retryable = False
 
 

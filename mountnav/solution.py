@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from enum import StrEnum
 
 import numpy as np
@@ -245,6 +246,28 @@ def _nothing_seen() -> NDArray[np.float32]:
 
 
 @dataclass(frozen=True, slots=True)
+class Origin:
+    """Where a frame comes from, as its header says; empty where it doesn't.
+
+    Attributes
+    ----------
+    instrument, telescope, field : str
+        INSTRUME, TELESCOP and OBJECT, at most `MOST_CARD` printable characters of each.
+    mid_exposure_utc : datetime or None
+    """
+
+    instrument: str = ""
+    telescope: str = ""
+    field: str = ""
+    mid_exposure_utc: datetime | None = None
+
+
+MOST_CARD = 68
+"""Characters of a header's text that are kept: a FITS card holds no more. Doubled, long texts of other files
+fill results."""
+
+
+@dataclass(frozen=True, slots=True)
 class Verdict:
     """Solved (`solution` set) or not (`reason` set).
 
@@ -266,6 +289,8 @@ class Verdict:
         Where the sources lie that were measured, 0-based, brightest first, at most `SEEN_AT_MOST`.
     seen_flux : ndarray of float32, shape (n,)
         Their brightness, in the unit of the frame; NaN where a list of stars doesn't tell it.
+    origin : Origin or None
+        What the file's header says of where it comes from; None where no file was read.
     """
 
     solution: Solution | None
@@ -281,6 +306,7 @@ class Verdict:
     seen_flux: NDArray[np.float32] = field(
         default_factory=lambda: np.zeros(0, dtype=np.float32), compare=False, repr=False
     )
+    origin: Origin | None = None
 
     @property
     def solved(self) -> bool:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from api.batch.inputs import FrameFile
 from api.batch.rows import FRAME_COLUMNS, Cell, Column, Row
+from mountnav.archive.columns import parquet_schema
 from mountnav.errors import BadRequest
 from mountnav.extras import extra
 
@@ -31,8 +32,6 @@ PARQUET_SHARE = 0.05
 """And only when so large a part of its rows is new: a long file isn't written a thousand times."""
 LONGEST_LINE_BYTES = 64 << 20
 """Of a result file that is read back. A record has 3 kB; longer ones are none."""
-
-_KINDS = {"string": "string", "double": "float64", "int64": "int64", "bool": "bool"}
 
 
 class ResultFile(Protocol):
@@ -101,16 +100,8 @@ class ParquetTable:
     """
 
     def __init__(self, path: str, columns: Sequence[Column]) -> None:
-        with extra("parquet", "Parquet files"):
-            import pyarrow as pa
-
         self._path = Path(path)
-        self._schema = pa.schema(
-            [
-                pa.field(column.name, pa.type_for_alias(_KINDS[column.kind]), metadata=_metadata(column))
-                for column in columns
-            ]
-        )
+        self._schema = parquet_schema(columns)
         self._table: pa.Table = self._schema.empty_table()
         self._fresh: list[Row] = []
         self._written_s = time.monotonic()
@@ -158,10 +149,6 @@ class ParquetTable:
         if not found.schema.equals(self._schema):
             raise _not_ours(str(self._path), "its columns are others")
         return found.cast(self._schema)
-
-
-def _metadata(column: Column) -> dict[str, str]:
-    return {key: text for key, text in (("unit", column.unit), ("description", column.about)) if text}
 
 
 class _Lines:

@@ -2,128 +2,80 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from api.batch.outcomes import Outcome
 from api.http.file_names import shown
+from mountnav.archive.columns import (
+    EXTENSION,
+    FILE,
+    PLATE_COLUMNS,
+    QUALITY_COLUMNS,
+    REASON_COLUMNS,
+    SHA256,
+    SOLVED,
+    STAR_COLUMNS,
+    TOLD_COLUMNS,
+    WCS,
+    Cell,
+    Column,
+    Row,
+    star_rows,
+    verdict_cells,
+)
 
 if TYPE_CHECKING:
-    pass
+    from mountnav.solution import Verdict
 
-Cell = str | float | int | bool | None
-Row = dict[str, Cell]
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A column: name, kind, unit as astropy writes it (or none), and what it says."""
-
-    name: str
-    kind: Literal["string", "double", "int64", "bool"]
-    unit: str
-    about: str
-
+__all__ = ["FRAME_COLUMNS", "PAIR_COLUMNS", "Cell", "Column", "Row", "frame_row", "pair_rows"]
 
 FRAME_COLUMNS = (
-    Column("file", "string", "", "path as it was named"),
-    Column("extension", "string", "", "FITS extension where one was chosen, else empty"),
-    Column("sha256", "string", "", "of the file's bytes as this run left them"),
-    Column("solved", "bool", "", ""),
-    Column("ra_deg", "double", "deg", "ICRS place of the frame's geometric center"),
-    Column("dec_deg", "double", "deg", ""),
-    Column("center_sigma_arcsec", "double", "arcsec", "one-sigma error of the center per coordinate"),
-    Column("scale_arcsec_px", "double", "arcsec / pix", "at the center"),
-    Column("rotation_deg", "double", "deg", "position angle of the image's +y axis, east of north"),
-    Column("parity", "int64", "", "+1: east left when north is up, as the sky is seen; -1: mirrored"),
-    Column("width_px", "int64", "pix", ""),
-    Column("height_px", "int64", "pix", ""),
-    Column("rms_arcsec", "double", "arcsec", "residual of the pairs in the fit"),
-    Column("pairs", "int64", "", "stars in the fit"),
-    Column("false_probability", "double", "", "chance that a wrong position would have looked as good"),
-    Column("mode", "string", "", "full/cubic, blind/linear, ..."),
-    Column("catalog", "string", "", "whose stars the plate rests on"),
-    Column("reason_code", "string", "", "why it was not solved, for programs: NO_MATCH, ..."),
-    Column("reason", "string", "", "why it was not solved, for people"),
-    Column("notes", "string", "", "parted by |"),
-    Column("contradictions", "string", "", "hints that turned out wrong, parted by |"),
-    Column("stars", "int64", "", "star-like sources measured"),
-    Column("fwhm_px", "double", "pix", ""),
-    Column("fwhm_arcsec", "double", "arcsec", ""),
-    Column("ellipticity", "double", "", ""),
-    Column("sky_adu", "double", "adu", ""),
-    Column("noise_adu", "double", "adu", ""),
-    Column("zero_point_mag", "double", "mag", "of a star of 1 ADU"),
-    Column("limiting_mag", "double", "mag", "faintest star that stands 5 sigma above the sky"),
-    Column("sky_mag_arcsec2", "double", "mag / arcsec2", ""),
+    FILE,
+    EXTENSION,
+    SHA256,
+    SOLVED,
+    *PLATE_COLUMNS,
+    *REASON_COLUMNS,
+    *TOLD_COLUMNS,
+    *QUALITY_COLUMNS,
     Column("time_s", "double", "s", "wall time"),
-    Column("wcs", "string", "", "the FITS cards as a JSON object"),
+    WCS,
 )
 """One row a frame; new columns come at the end, and none changes its meaning."""
 
-PAIR_COLUMNS = (
-    Column("file", "string", "", "path as it was named"),
-    Column("extension", "string", "", "FITS extension where one was chosen, else empty"),
-    Column("x_px", "double", "pix", "measured, 0-based"),
-    Column("y_px", "double", "pix", ""),
-    Column("ra_deg", "double", "deg", "the star's ICRS place at the frame's epoch"),
-    Column("dec_deg", "double", "deg", ""),
-    Column("dx_arcsec", "double", "arcsec", "measured minus catalog, to the east, with cos dec"),
-    Column("dy_arcsec", "double", "arcsec", "measured minus catalog, to the north"),
-    Column("flux", "double", "adu", ""),
-    Column("flux_sigma", "double", "adu", ""),
-    Column("mag", "double", "mag", "of the star, in the band"),
-    Column("band", "string", "", ""),
-    Column("color_mag", "double", "mag", "the star's color index"),
-    Column("centroid_sigma_arcsec", "double", "arcsec", "expected error per coordinate"),
-    Column("catalog_sigma_arcsec", "double", "arcsec", "expected error per coordinate"),
-    Column("flags", "int64", "", "of the measurement"),
-    Column("star_flags", "int64", "", "of the catalog"),
-    Column("used", "bool", "", "in the fit; else rejected by its deviation"),
-)
+PAIR_COLUMNS = (FILE, EXTENSION, *STAR_COLUMNS)
 """One row an identified star."""
 
 
 def frame_row(outcome: Outcome) -> Row:
     """The row of a frame; what isn't known is None."""
-    answer = outcome.answer()
-    row: Row = {column.name: answer.get(column.name) for column in FRAME_COLUMNS}
-    wcs, quality = answer["wcs"], answer["quality"] or {}
-    row |= {name: quality.get(name) for name in row if name in quality}
-    row |= {
-        "extension": None if outcome.frame.hdu is None else str(outcome.frame.hdu),
-        "sha256": outcome.sha256 or None,
-        "notes": " | ".join(answer["notes"]) or None,
-        "contradictions": " | ".join(answer["contradictions"]) or None,
-        "time_s": answer["time_s"]["total"],
-        "wcs": None if wcs is None else json.dumps(wcs),
-        "width_px": None if wcs is None else wcs["IMAGEW"],
-        "height_px": None if wcs is None else wcs["IMAGEH"],
-    }
-    return row
+    cells = verdict_cells(outcome.verdict or _unread(outcome.unread))
+    if outcome.verdict is None:
+        cells["reason"] = outcome.unread
+    total_s = 0.0 if outcome.verdict is None else outcome.verdict.times.total_s
+    cells |= _named(outcome)
+    cells |= {"sha256": outcome.sha256 or None, "time_s": round(total_s, 4)}
+    return {column.name: cells[column.name] for column in FRAME_COLUMNS}
 
 
 def pair_rows(outcome: Outcome) -> Iterator[Row]:
     """A row for each identified star."""
-    solution = outcome.solution
-    if solution is None:
-        return
-    pairs = solution.identified
-    names = [column.name for column in PAIR_COLUMNS]
-    arrays = {
-        name: getattr(pairs, name).tolist() for name in names if name not in ("file", "extension", "band")
-    }
-    same: Row = {
+    if outcome.solution is not None:
+        named = _named(outcome)
+        for row in star_rows(outcome.solution):
+            yield named | row
+
+
+def _named(outcome: Outcome) -> Row:
+    extension = outcome.frame.hdu
+    return {
         "file": shown(outcome.frame.path),
-        "extension": None if outcome.frame.hdu is None else str(outcome.frame.hdu),
-        "band": pairs.band or None,
+        "extension": None if extension is None else str(extension),
     }
-    for at in range(len(pairs)):
-        yield {name: same[name] if name in same else _finite(arrays[name][at]) for name in names}
 
 
-def _finite(value: Cell) -> Cell:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def _unread(why: str) -> Verdict:
+    from mountnav.solution import Reason, Times, Verdict
+
+    return Verdict(None, Reason.BAD_FRAME, why, 0, Times())

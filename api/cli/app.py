@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from api.cli.accuracy import accuracy
+from api.cli.archive import archive_app
 from api.cli.bench import bench
 from api.cli.calibrate import calibrate_app
 from api.cli.catalog import catalog_app
@@ -71,6 +72,7 @@ app.command("check")(check)
 app.command("serve")(serve)
 app.command("indi-driver")(indi_driver)
 app.command("demo")(demo)
+app.add_typer(archive_app, name="archive")
 app.command("docs")(docs)
 app.add_typer(calibrate_app, name="calibrate")
 app.add_typer(catalog_app, name="catalog")

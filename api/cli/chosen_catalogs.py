@@ -8,14 +8,26 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from api.cli.options import config_option
+from api.solver.shelf import chosen_shelf
 from mountnav.errors import BadCatalog, NotFound
 
 if TYPE_CHECKING:
-    from mountnav.catalog.catalog_set import CatalogSet
     from mountnav.catalog.online import OnlineCatalog
     from mountnav.catalog.packed import PackedStore
     from mountnav.catalog.stars import Catalog
     from mountnav.settings.catalogs import CatalogsSettings, OnlineSettings
+
+__all__ = [
+    "CatalogsConfig",
+    "Folder",
+    "Name",
+    "chosen_shelf",
+    "folder_of",
+    "named_catalog",
+    "online_catalog",
+    "online_sources",
+    "opened_catalog",
+]
 
 Folder = Annotated[
     Path | None,
@@ -112,25 +124,3 @@ def _settings(config: Path) -> CatalogsSettings:
     from mountnav.settings.observatory import Settings
 
     return Settings.load_catalogs(config)
-
-
-def chosen_shelf(config: Path | None, only: str | None = None) -> CatalogSet:
-    """Open the catalogs that a command's options name.
-
-    Parameters
-    ----------
-    config : Path or None
-        A settings file, of which `[catalogs]` counts.
-    only : str or None
-        The one catalog to use, by its name.
-
-    Raises
-    ------
-    BadSettings
-        The file is wrong, or names a catalog that isn't there.
-    """
-    from mountnav.catalog.catalog_set import open_catalogs
-
-    use = None if only is None else (only,)
-    # without a file the defaults serve, which need none of the models of the settings
-    return open_catalogs(use=use) if config is None else open_catalogs(_settings(config).choice(), use=use)

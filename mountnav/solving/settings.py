@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import TYPE_CHECKING, Literal
 
 from mountnav.identification.settings import IdentificationSettings
@@ -31,6 +32,8 @@ class SolveSettings:
     glance : bool
         Try with a glance first: the brightest sources, found coarsely, and then precise centroids of the
         identified ones only. What a glance doesn't solve is measured in full.
+    undated_utc : datetime or None
+        When a frame was taken whose date nobody knows, so that its answer is the same on any day; None: now.
     """
 
     measuring: MeasuringSettings = field(default_factory=MeasuringSettings)
@@ -40,3 +43,4 @@ class SolveSettings:
     index: BlindIndex | None = None
     blind: Literal["after", "only", "never"] = "after"
     glance: bool = True
+    undated_utc: datetime | None = None

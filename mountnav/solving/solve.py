@@ -27,10 +27,12 @@ from mountnav.measuring.measurements import Flag, Measurements, SkyQuality, with
 from mountnav.reading import ListFormat, demosaiced, read_source
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import (
+    MOST_CARD,
     SEEN_AT_MOST,
     Contradiction,
     ErrorBudget,
     IdentifiedPairs,
+    Origin,
     Reason,
     Solution,
     Times,
@@ -309,14 +311,14 @@ class _Fitted:
 
 
 def _job(frame: Frame, catalog: Catalog, given: Hint | None, settings: SolveSettings) -> _Job:
-    utc = frame.mid_exposure_utc
+    utc = frame.mid_exposure_utc or settings.undated_utc or utc_now()
     return _Job(
         frame=frame,
         catalog=catalog,
         given=given,
         believed=merged_hint(frame.hint, given),
         settings=settings,
-        epoch_yr=julian_year(utc if utc is not None else utc_now()),
+        epoch_yr=julian_year(utc),
         reach=Reach(settings.index, settings.blind),
         began_s=time.monotonic(),
         notes=frame.notes,
@@ -476,7 +478,9 @@ def _judge(job: _Job, measured: _Measured, fitted: _Fitted) -> Verdict:
         notes = (*notes, *(f"catalog: {step}" for step in fitted.catalog_steps))
     total_s = job.spent_s
     if job.frame.mid_exposure_utc is None:
-        notes = (*notes, "the date is unknown, so stars were taken at today's places")
+        chosen = job.settings.undated_utc
+        when = "today's places" if chosen is None else f"their places of {chosen:%Y-%m-%d}"
+        notes = (*notes, f"the date is unknown, so stars were taken at {when}")
     return Verdict(
         solution=solution,
         reason=found.reason,
@@ -612,9 +616,22 @@ def solve_source(
         verdict = solve_stars(found, catalog, hint=hint, settings=settings)
     else:
         verdict = solve(found, catalog, hint=hint, settings=settings)
-    return replace(
-        verdict, times=replace(verdict.times, read_s=read_s, total_s=verdict.times.total_s + read_s)
-    )
+    times = replace(verdict.times, read_s=read_s, total_s=verdict.times.total_s + read_s)
+    return replace(verdict, times=times, origin=_origin(found))
+
+
+def _origin(found: Frame | StarList) -> Origin:
+    """Where it comes from, as its header says."""
+    if isinstance(found, StarList):
+        return Origin()
+
+    def card(key: str) -> str:
+        text = str(found.header.get(key, "")).strip()[:MOST_CARD]
+        return "".join(
+            character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text
+        )
+
+    return Origin(card("INSTRUME"), card("TELESCOP"), card("OBJECT"), found.mid_exposure_utc)
 
 
 def _solution(

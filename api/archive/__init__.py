@@ -1,0 +1,1 @@
+"""Archives of frames solved: what `mountnav.archive` knows of, sent to processes that solve."""

@@ -1,0 +1,1 @@
+"""Archives: drawn star lists, bookkeeping, kills."""
