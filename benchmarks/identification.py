@@ -30,14 +30,14 @@ def measured(word: str) -> list[tuple[str, Any]]:
     from benchmarks.frames import rendered, shared_folder
     from mountnav.measuring.measure import measure
     from mountnav.reading import demosaiced, read_frame
-    from mountnav.solving.solve import epoch_of
+    from mountnav.units import julian_year
 
     out = []
     for known in rendered(shared_folder()):
         if word not in known.path.name:
             continue
         frame = read_frame(known.path, raw=True)
-        epoch_yr = 2026.0 if frame.mid_exposure_utc is None else epoch_of(frame.mid_exposure_utc)
+        epoch_yr = 2026.0 if frame.mid_exposure_utc is None else julian_year(frame.mid_exposure_utc)
         out.append((known.path.name, (measure(demosaiced(frame)), known.hint, epoch_yr)))
     return out
 

@@ -30,7 +30,7 @@ from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Measurements
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
-from mountnav.solving.solve import epoch_of
+from mountnav.units import julian_year
 
 PATIENT_EVERY = 50
 PATIENCE = 25.0
@@ -91,7 +91,7 @@ def listed(shared: Path, word: str = "") -> list[Listed]:
         except BadFrame:
             continue
         utc = frame.mid_exposure_utc
-        epoch_yr = epoch_of(utc) if utc is not None else 2026.0
+        epoch_yr = julian_year(utc) if utc is not None else 2026.0
         found.append(Listed(known, asked(known, frame), measurements, epoch_yr))
     return found
 
