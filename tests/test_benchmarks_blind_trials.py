@@ -14,6 +14,7 @@ from mountnav.identification.search import identify
 SEED = 2_027
 
 
+@pytest.mark.long
 def test_what_is_said_to_be_a_sky_is_found_there_with_a_hint():
     kinds = list(KINDS)
     outcomes = Counter()

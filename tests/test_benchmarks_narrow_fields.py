@@ -28,6 +28,7 @@ def failures(done: list[Result]) -> list[str]:
     return [f"{one.field.label}: {one.outcome}, {one.told}" for one in done if one.outcome != "solved"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", NARROW)
 def test_narrow_frames_are_solved_with_a_deep_catalog(preset):
     done = run(preset, "gaia", [0, 1, 8, 9])
@@ -35,6 +36,7 @@ def test_narrow_frames_are_solved_with_a_deep_catalog(preset):
     assert max(one.center_px for one in done) < 0.2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("preset", "frames"), [("mayaki-azt-3", 1), ("vihorlat-vnt", 2)])
 def test_with_tycho_alone_the_field_is_said_to_be_too_narrow(preset, frames):
     fields = (chosen_field(preset, 1, number, radius_deg=0.25) for number in range(100))
@@ -79,6 +81,7 @@ class Elsewhere:
         return replace(stars, dec_deg=stars.dec_deg + 20.0 / 3600.0)
 
 
+@pytest.mark.long
 def test_an_answer_beside_the_truth_is_counted_as_wrong():
     field = chosen_field("ison-nm", 1, 3, radius_deg=0.25)
     field = replace(field, center=Icrs(300.0, 30.0), believed=Icrs(300.0, 30.0))
@@ -89,6 +92,7 @@ def test_an_answer_beside_the_truth_is_counted_as_wrong():
     assert "| 0.0% | 1 | none |" in solved_row("ison-nm", "elsewhere", [done])
 
 
+@pytest.mark.long
 def test_the_command_tells_all_tables(capsys):
     code = main(["--preset", "vihorlat-vnt", "--frames", "2", "--catalog", "gaia"])
     out = capsys.readouterr().out

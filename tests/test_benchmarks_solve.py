@@ -54,6 +54,7 @@ class Region:
         return embedded_catalog().cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
 
 
+@pytest.mark.long
 def test_a_frame_is_drawn_solved_and_told_and_nothing_is_left(small, capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     code = main(["--preset", "S", "--frames", "1", "--hinted", "--peers", "resident"])
@@ -68,6 +69,7 @@ def test_a_frame_is_drawn_solved_and_told_and_nothing_is_left(small, capsys, tmp
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 def test_solve_field_and_astap_find_a_drawn_frame(small, tmp_path):
     here = [one for one in (SolveField, Astap) if not one.missing()]
     if not here:

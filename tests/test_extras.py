@@ -40,6 +40,7 @@ def _without(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(told, capture_output=True, text=True, timeout=300)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "extra_name"),
     [

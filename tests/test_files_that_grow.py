@@ -26,6 +26,7 @@ def _toml(path: Path) -> object:
     return toml_of(path.read_text())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("read", "before", "line"),
     [

@@ -155,6 +155,7 @@ TOML_READERS = [
 JSON_READERS = [PointingModel.load, read_observations, read_recording, read_dialogue]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("read", TOML_READERS, ids=lambda one: getattr(one, "__qualname__", str(one)))
 @pytest.mark.parametrize("text", BAD_TOML.values(), ids=BAD_TOML)
 def test_every_toml_file_gives_our_own_error(read: object, text: str, tmp_path: Path) -> None:

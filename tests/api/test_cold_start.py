@@ -61,6 +61,7 @@ def plain(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
     return file, options
 
 
+@pytest.mark.long
 @pytest.mark.shared
 def test_a_hinted_plain_fits_file_is_solved_without_what_is_dear(
     plain: tuple[Path, list[str]], tmp_path: Path
@@ -84,6 +85,7 @@ def test_looking_for_the_index_of_the_sky_costs_no_astropy(
     assert list(tmp_path.iterdir()) == []  # nothing was built
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("arguments", [["--version"], ["--help"], ["solve", "--help"]])
 def test_help_comes_without_numpy(arguments: list[str], tmp_path: Path) -> None:
     imported, printed = _imported(*arguments, cache=tmp_path)
@@ -91,6 +93,7 @@ def test_help_comes_without_numpy(arguments: list[str], tmp_path: Path) -> None:
     assert _among(("numpy", "scipy", *DEAR[:4], "mountnav.solving.solve"), imported) == []
 
 
+@pytest.mark.long
 def test_a_fake_mount_is_served_without_astropy(tmp_path: Path) -> None:
     """Up to where it tells that its port is taken: all that it needs is there by then."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
@@ -100,6 +103,7 @@ def test_a_fake_mount_is_served_without_astropy(tmp_path: Path) -> None:
     assert _among(("astropy", "astropy_healpix", "scipy", "fastapi"), imported) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("module", "dear"),
     [

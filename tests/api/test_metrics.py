@@ -53,6 +53,7 @@ async def finished(client: httpx.AsyncClient, path: str, body: object = None) ->
     return str(ended.json()["state"])
 
 
+@pytest.mark.long
 async def test_a_sync_and_its_look_are_counted_once(client: httpx.AsyncClient) -> None:
     assert await finished(client, "/v1/telescopes/east/sync") == "succeeded"
     state = (await client.get("/v1/telescopes/east")).json()

@@ -36,6 +36,7 @@ def test_galactic_coordinates_are_those_of_astropy():
     assert ((l_deg >= 0) & (l_deg < 360)).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("low", "high"), [(0, 5), (5, 10), (10, 20), (20, 30), (30, 45), (45, 60), (60, 90)])
 @pytest.mark.parametrize("mag", [7.0, 9.0, 11.0, 11.5])
 def test_in_every_belt_there_are_as_many_stars_as_tycho_has(tycho, low, high, mag):

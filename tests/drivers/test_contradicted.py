@@ -91,6 +91,7 @@ families = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.long
 @families
 @pytest.mark.parametrize("took", ["half", "dec-only", "elsewhere"])
 async def test_a_sync_that_takes_another_place_is_never_called_ignored(

@@ -61,6 +61,7 @@ def opened(kind: Family, run: Run, *faults: Fault) -> Rig:
     return run(one)
 
 
+@pytest.mark.long
 @families
 def test_a_deaf_start_ends_in_the_right_dialect_with_all_skills(kind: Family, run: Run) -> None:
     well = opened(kind, run)

@@ -104,6 +104,7 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Run:
     return virtually
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", FAMILIES, ids=str)
 def test_each_question_but_the_needed_ones_may_stay_unanswered(kind: Family, run: Run) -> None:
     well = run(lambda clock: Rig(kind, clock).connected())

@@ -164,6 +164,7 @@ def test_rates_and_moved_axes_on_bad_wires(
     assert life.outcomes["move: done"] > 2
 
 
+@pytest.mark.long
 def test_the_same_seed_is_the_same_life() -> None:
     def life() -> tuple[list[bytes], Rig]:
         with pytest.MonkeyPatch.context() as patched:

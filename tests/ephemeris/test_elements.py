@@ -130,6 +130,7 @@ ORBITS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "a", "e", "anomaly", "incl", "node", "peri"), ORBITS)
 def test_an_orbit_of_a_year_is_that_of_another_integration(
     name: str, a: float, e: float, anomaly: float, incl: float, node: float, peri: float

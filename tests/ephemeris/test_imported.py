@@ -213,6 +213,7 @@ def test_names_of_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert ephemerides_folder() == tmp_path / "mountnav" / "ephemerides"
 
 
+@pytest.mark.long
 def test_whoever_is_killed_in_an_import_leaves_the_old_one(folder: Path, tmp_path: Path) -> None:
     import_file(written(tmp_path / "mine.dat", CERES_2024), folder)
     long = tmp_path / "long.dat"

@@ -28,6 +28,7 @@ places = st.tuples(st.floats(0.0, 359.99), st.floats(-90.0, 90.0))
 ways = st.lists(st.tuples(st.floats(1.0, 500.0), places), min_size=2, max_size=9)
 
 
+@pytest.mark.long
 @given(ways, st.floats(0.0, 1.0))
 def test_it_goes_through_each_waypoint_and_never_jumps(
     steps: list[tuple[float, tuple[float, float]]], part: float

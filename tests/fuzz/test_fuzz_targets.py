@@ -17,6 +17,7 @@ from tests.fuzz.targets import TARGETS, corpus
 pytestmark = pytest.mark.filterwarnings("ignore")  # what libraries find odd about an input
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TARGETS)
 def test_the_kept_inputs_break_nothing(name: str) -> None:
     for data in (b"", *corpus(name)):
@@ -49,6 +50,7 @@ def test_a_seed_is_no_stranger_to_its_parser(name: str, monkeypatch: pytest.Monk
     pytest.fail(f"the last seed is refused: {refused}")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TARGETS)
 @settings(max_examples=10)  # CI tries hundreds of each: `python -m tests.fuzz`
 @given(seed=st.integers(0, 2**32 - 1))

@@ -26,6 +26,7 @@ def test_a_drift_is_taken_away_and_told_with_its_error() -> None:
         assert abs(state.rate_arcsec_s - true) < 4.0 * state.rate_sigma_arcsec_s + 1e-4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(12))
 def test_a_mount_that_stands_still_is_hardly_disturbed(seed: int) -> None:
     held = Held(still, noise=1.0, seed=seed)
@@ -104,6 +105,7 @@ def test_a_place_far_off_is_never_followed() -> None:
     assert all(one.none for one in held.corrections[-5:])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("told", [15.0, None])
 def test_play_is_learned_and_taken_up(told: float | None) -> None:
     # the drift turns round in the middle: the motor has to, too

@@ -51,6 +51,7 @@ def plainly(u, v, off, known2, trust, degree):
     return out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 @given(seed=st.integers(0, 2**32 - 1), count=st.sampled_from([5, 12, 80]))
 @settings(max_examples=12, deadline=None)

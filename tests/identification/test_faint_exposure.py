@@ -46,6 +46,7 @@ def _found(
     return faint_exposure(bins, patches, x, y, left, least_pull_px=least_pull_px)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("share", [0.15, 0.3])
 def test_a_faint_second_exposure_is_found_where_it_is(seed: int, share: float) -> None:
@@ -56,6 +57,7 @@ def test_a_faint_second_exposure_is_found_where_it_is(seed: int, share: float) -
     assert found.pull_px == pytest.approx(abs(OFFSET) * share / (1.0 + share), rel=0.4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(40))
 @pytest.mark.parametrize("strangers", [0, 3, 25])
 def test_strangers_are_no_second_exposure(seed: int, strangers: int) -> None:

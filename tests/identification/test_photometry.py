@@ -68,6 +68,7 @@ def wide(values: list[float]) -> float:
     return float(high - low) / 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("count", "outliers", "colorless", "scatter"),
     [(40, 0, 0.0, 0.05), (40, 6, 0.0, 0.05), (40, 4, 0.4, 0.05), (150, 15, 0.1, 0.02), (40, 0, 0.0, 0.0)],
@@ -89,6 +90,7 @@ def test_errors_are_honest(count: int, outliers: int, colorless: float, scatter:
     assert np.median(scatters) == pytest.approx(scatter, abs=0.012)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("count", "outliers"), [(3, 0), (6, 0), (7, 1)])
 def test_few_stars_without_colors(count: int, outliers: int) -> None:
     rng = np.random.default_rng(5)

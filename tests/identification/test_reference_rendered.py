@@ -29,6 +29,7 @@ def test_sixteen_stars_hold_the_whole_field(shared):
         assert one.center_px < 4 * one.center_sigma_px
 
 
+@pytest.mark.long
 def test_a_handful_of_stars_is_not_swayed_by_a_bleeding_one(shared):
     glanced = scores(shared, ("D00",))[0]
     (measured,) = scores(shared, ("D00",), SolveSettings(glance=False))

@@ -93,6 +93,7 @@ def test_catalog_too_shallow():
     assert "Tycho-2" in got.detail
 
 
+@pytest.mark.long
 def test_chance():
     """Eight stars: a match, but with a limit this strict not one to move a telescope by."""
     rng = np.random.default_rng(7)

@@ -170,6 +170,7 @@ def test_windows_cover_the_scales():
     assert all(a[1] == pytest.approx(b[0]) for a, b in pairwise(windows))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_rounds_over_wide_areas_find_frames_between_tiles_by_the_inner_stars(seed):
     rng = np.random.default_rng(seed)

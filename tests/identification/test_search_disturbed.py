@@ -56,6 +56,7 @@ def test_half_the_stars_and_three_times_as_many_false_ones(shared, names):
         assert off < 0.1, (known.path.name, off, got.detail)
 
 
+@pytest.mark.long
 @pytest.mark.shared
 def test_a_turned_frame_shows_the_same_sky(shared):
     """One pixel of the sky keeps its place, however the file is turned or mirrored."""

@@ -34,6 +34,7 @@ def asked(measurements, index, hint=None):
     return identify(measurements, embedded_catalog(), hint or Hint(), epoch_yr=EPOCH, reach=reach)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("where", ["anywhere", "crowded Milky Way", "near the poles"])
 def test_flagged_stars_are_found_blind(sky_index, where):
     one, measured = flagged_sky(where, np.random.default_rng(3))
@@ -67,6 +68,7 @@ def test_it_is_the_last_thing_that_is_tried(sky_index):
     assert with_them.false_probability == without.false_probability
 
 
+@pytest.mark.long
 def test_flagged_noise_gives_no_answer(sky_index):
     rng = np.random.default_rng(7)
     for count in (20, 60, 200):

@@ -171,6 +171,7 @@ def test_shifting_the_window_shifts_the_center():
     assert np.hypot(xi - other_xi, eta - other_eta)[0] < 0.2 * one.scale
 
 
+@pytest.mark.long
 def test_wrong_hints_cost_time_and_are_reported():
     rng = np.random.default_rng(9)
     one = drawn(anywhere, rng)
@@ -204,6 +205,7 @@ def test_alternatives_are_tried_after_the_main_hint():
     assert got.reference is not None
 
 
+@pytest.mark.long
 def test_a_poor_field_of_seven_stars_and_more_is_found():
     rng = np.random.default_rng(12)
     found = 0

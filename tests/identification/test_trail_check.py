@@ -151,6 +151,7 @@ def test_where_the_stars_lie_in_their_bins_is_no_error_of_a_path() -> None:
     assert path.sigma_px < 0.15
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [60016, 60020, 60056])
 def test_neighbors_light_is_no_error_of_a_short_trail(seed: int) -> None:
     # 0.03, 0.01 and 0.09 px off by the truth, and 0.23, 0.25 and 0.53 px stated as sigma, as the faint light

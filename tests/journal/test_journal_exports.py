@@ -77,6 +77,7 @@ def test_fits(reader: JournalReader, tmp_path: Path) -> None:
     assert read["seen_dec_deg"].unit == units.deg
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", TABLES)
 @pytest.mark.parametrize("ending", [".csv", ".parquet", ".fits"])
 def test_all_tables_in_all_kinds_also_empty(

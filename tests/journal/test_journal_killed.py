@@ -82,6 +82,7 @@ def _kill_again_and_again(url: str, times: int, seed: int) -> None:
     assert ended
 
 
+@pytest.mark.long
 def test_what_was_awaited_survives_a_kill(file: Path) -> None:
     _kill_again_and_again(str(file), 2, seed=7)
 

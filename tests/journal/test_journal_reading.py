@@ -51,6 +51,7 @@ async def _tell(journal: SqlJournal) -> None:
         await journal.note(note_of(f"Note %{number}_", telescope, second, kind=kind, cause=cause))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("newest_first", [False, True])
 @pytest.mark.parametrize("page", [2, 7, 1000])
 def test_pages_are_the_whole_story_once(told: JournalReader, page: int, newest_first: bool) -> None:
@@ -234,6 +235,7 @@ def test_old_looks_go_and_commands_stay(file: Path) -> None:
     journal.close()
 
 
+@pytest.mark.long
 def test_a_file_that_is_too_big_loses_its_oldest_looks(file: Path) -> None:
     journal = open_journal(file, inline=True, fsync="never")
 

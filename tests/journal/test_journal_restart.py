@@ -101,6 +101,7 @@ async def test_a_mount_that_cannot_be_read_leaves_all_open(killed: SqlJournal, a
     assert (await take_up(after, after.reader, "east", standing())).commands
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "settled_by", ["look", "sync", "home", "word", "unsolved look", "another's look", None]
 )

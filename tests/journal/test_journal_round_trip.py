@@ -144,6 +144,7 @@ def one_journal(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SqlJournal
     opened.close()
 
 
+@pytest.mark.long
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(look=looks, command=commands, end=st.none() | ends, entry=entries)
 def test_records_come_back_from_sqlite(

@@ -190,6 +190,7 @@ asyncio.run(main())
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", ["thread", "inline"])
 def test_a_full_disk_refuses_commands_and_is_outlived(file: Path, how: str) -> None:
     if not hasattr(resource, "RLIMIT_FSIZE"):
@@ -250,6 +251,7 @@ OPENING = (
 )
 
 
+@pytest.mark.long
 def test_processes_that_open_at_once_are_safe(file: Path) -> None:
     children = [
         subprocess.Popen(

@@ -185,6 +185,7 @@ def test_at_the_meridian_a_mount_that_always_changes_sides_is_not_sent_to_and_fr
     in_virtual_time(work, machine=GERMAN, turned_deg=0.0, errors=ERRORS)
 
 
+@pytest.mark.long
 def test_a_moving_target_is_followed_on_a_point() -> None:
     pixel = (2500.0, 300.0)
 

@@ -21,6 +21,7 @@ def worst_arcsec(rig: VirtualRig, target: Icrs, seconds: int = 30) -> float:
     return max(separation_arcsec(place, target) for place in later)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("exposure_s", [5.0, 1.0])
 def test_play_is_taken_up_before_a_target_counts_as_centered(exposure_s: float) -> None:
     # slews to the east end against the turn of the sky: tracking takes 12 s to take up 180″ of play

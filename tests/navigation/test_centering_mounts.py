@@ -54,6 +54,7 @@ def syncs(behavior: str) -> Callable[[VirtualRig], object]:
     return prepare
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("correct_by", ["sync", "offset", "model"])
 @pytest.mark.parametrize(("ha_deg", "dec_deg"), PLACES)
 def test_each_way_of_correcting_centers(ha_deg: float, dec_deg: float, correct_by: str) -> None:
@@ -88,6 +89,7 @@ def test_a_mount_that_is_not_told_is_centered_by_offset(behavior: str) -> None:
         assert report.tries[0].sync_outcome is SyncOutcome.IGNORED
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late_s", [4.0, 10.0, 14.0, 20.0, 26.0, 40.0])
 @pytest.mark.parametrize(("ha_deg", "dec_deg"), [(-20.0, 30.0), (-36.0, 85.6)])
 def test_a_sync_that_takes_hold_whenever_it_likes_does_no_harm(

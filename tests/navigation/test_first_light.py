@@ -30,6 +30,7 @@ def below_all(rig: VirtualRig) -> None:
     assert rig.mechanics.true_observed().alt_deg > limits.min_altitude_deg
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turn_deg", [30.0, 150.0, 270.0])
 @pytest.mark.parametrize("starts_at", ["home", "zenith"])
 def test_a_new_german_mount_succeeds_by_one_order(turn_deg: float, starts_at: str) -> None:
@@ -110,6 +111,7 @@ def test_further_off_than_any_setting_up_is_refused_with_what_to_do() -> None:
     in_virtual_time(work, errors=PointingErrors(ih_arcsec=20.0 * 3600.0), machine=machine)
 
 
+@pytest.mark.long
 def test_drawn_new_telescopes_come_to_their_targets() -> None:
     outcome = Outcome("new-telescope")
     for seed in (2, 3):

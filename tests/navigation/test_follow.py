@@ -102,6 +102,7 @@ def followed(
     return in_virtual_time(work, made=made, **given)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("ra", "dec"), [(0.05, -0.02), (1.0, 0.5), (-3.0, 2.0), (12.0, -9.0)])
 def test_a_moving_target_is_followed_within_the_tolerance(ra: float, dec: float) -> None:
     done = followed(ra, dec)
@@ -129,6 +130,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("named", FAULTS)
 def test_a_fault_of_the_rates_is_named_made_good_and_confirmed(named: Named) -> None:
     done = followed(2.0, 1.2, fault=FAULTS[named], settled_s=300.0)
@@ -144,6 +146,7 @@ def test_a_fault_of_the_rates_is_named_made_good_and_confirmed(named: Named) -> 
     assert kept[-1]["correction"]["fault"] == str(named)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("named", "fault"),
     [
@@ -163,6 +166,7 @@ def test_what_no_order_makes_good_is_followed_by_other_means(named: Named, fault
     assert done.left == (0.0, 0.0)
 
 
+@pytest.mark.long
 def test_rates_that_the_mount_denies_to_have_are_given_up_at_once() -> None:
     # the driver reads them back: no look is needed for that
     done = followed(2.0, 1.2, fault=RateFault(ra_factor=0.0, dec_factor=0.0, reads_zero=True))
@@ -172,6 +176,7 @@ def test_rates_that_the_mount_denies_to_have_are_given_up_at_once() -> None:
     assert done.left == (0.0, 0.0)
 
 
+@pytest.mark.long
 def test_a_correction_from_before_is_used_from_the_beginning() -> None:
     first = followed(2.0, 1.2, fault=RateFault(dec_factor=-1.0), settled_s=300.0)
     kept = first.rig.navigator.rates.as_dict()
@@ -185,6 +190,7 @@ def test_a_correction_from_before_is_used_from_the_beginning() -> None:
     assert "other sign" in again.report.correction
 
 
+@pytest.mark.long
 def test_a_correction_that_looks_contradict_is_withdrawn() -> None:
     first = followed(2.0, 1.2, fault=RateFault(dec_factor=-1.0), settled_s=300.0)
     kept = first.rig.navigator.rates.as_dict()
@@ -237,6 +243,7 @@ def test_what_is_too_fast_is_refused_with_the_numbers_before_anything_moves(
     assert not set(received) & {"slew", "rates"}
 
 
+@pytest.mark.long
 def test_a_target_outside_the_limits_is_refused_and_one_that_leaves_them_is_followed_to_there() -> None:
     async def work(rig: VirtualRig) -> tuple[FollowReport, float]:
         with pytest.raises(OutsideLimits):
@@ -317,6 +324,7 @@ def test_an_end_that_can_not_be_is_refused(minutes: float) -> None:
     assert "slew" not in in_virtual_time(work, made=RatedMount)
 
 
+@pytest.mark.long
 def test_a_drifting_mount_without_faults_is_never_corrected_for_one() -> None:
     # a polar axis 15′ off and a worm of 10″: all that drifts, at a comet's rates
     from tests.navigation.virtual_rig import ERRORS

@@ -41,6 +41,7 @@ async def test_it_refuses_to_slew_and_says_why(make_rig: MakeRig) -> None:
     assert "mount-untrusted" in rig.kinds()
 
 
+@pytest.mark.long
 async def test_a_centering_looks_at_the_sky_before_it_moves(make_rig: MakeRig) -> None:
     rig = await make_rig(solve=FindsAnywhere)
     await rig.navigator.slew(up_now(-15.0, 35.0))

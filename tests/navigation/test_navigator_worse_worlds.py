@@ -36,6 +36,7 @@ WIRED = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "seed"), BROKE)
 def test_nothing_is_wrong_and_each_refusal_has_a_way_out(name: str, seed: int) -> None:
     outcome = Outcome(name)

@@ -178,6 +178,7 @@ def test_sidereal_seconds_are_told_from_seconds_where_time_and_speed_suffice(
     assert later.fault is fault, later.words
 
 
+@pytest.mark.long
 @settings(max_examples=300, deadline=None)
 @given(
     ra=st.floats(-60.0, 60.0),

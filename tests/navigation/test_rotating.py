@@ -34,6 +34,7 @@ def wrong_deg(rig: VirtualRig, wanted_deg: float, modulo_deg: float = 360.0) -> 
     return abs(apart_deg(rig.turned_deg, wanted_deg, modulo_deg))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sense", [1, -1])
 @pytest.mark.parametrize("ha_deg", [20.0, -20.0])
 @pytest.mark.parametrize("wanted_deg", [0.0, 123.4, 359.0])
@@ -305,6 +306,7 @@ def test_what_is_no_angle_is_refused(wrong: FieldAngle) -> None:
 SEEDS = [*range(6), *(pytest.param(one, marks=pytest.mark.long) for one in range(6, 40))]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", SEEDS)
 def test_random_rotators_come_to_random_angles_and_keep_their_cables(seed: int) -> None:
     chance = random.Random(f"rotating {seed}")

@@ -121,6 +121,7 @@ def test_a_correction_between_frames_changes_no_sides() -> None:
     in_virtual_time(work, machine=GERMAN, errors=CONE, limits=LIMITS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ha_deg", [-60.0, -17.0, 5.0, 38.0])
 def test_near_the_pole_a_german_mount_centers_or_says_why(ha_deg: float) -> None:
     async def work(rig: VirtualRig) -> None:

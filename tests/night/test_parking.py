@@ -108,6 +108,7 @@ def test_what_is_safe_again_is_not_parked_late() -> None:
     virtually(night)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("then", ["still rain", "safe", "tomorrow"])
 def test_a_park_that_is_owed_outlives_the_service(then: str) -> None:
     async def night(clock: VirtualClock) -> None:

@@ -295,6 +295,7 @@ def test_what_leaves_no_trace_is_not_done() -> None:
     virtually(night)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by", ["sync", "offset", "model"])
 def test_half_an_hour_of_drift_is_held_within_the_rule(by: str) -> None:
     """A pole a quarter of a degree off: the field runs away by four arcseconds a minute."""

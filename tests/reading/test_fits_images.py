@@ -82,6 +82,7 @@ def test_blank_pixels_are_missing(kind: str) -> None:
     assert np.array_equal(pixels[data != 7], data[data != 7])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["RICE_1", "GZIP_1", "GZIP_2", "HCOMPRESS_1", "PLIO_1"])
 @pytest.mark.parametrize("kind", ["uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"])
 def test_tile_compressed_images_are_those_of_astropy(method: str, kind: str) -> None:
@@ -319,6 +320,7 @@ def _header(cards: list[str]) -> bytes:
     return "".join(card.ljust(CARD_LENGTH) for card in (simple, *cards, "END")).encode()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("first", "then"),
     [

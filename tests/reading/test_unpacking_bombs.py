@@ -198,6 +198,7 @@ def test_a_bomb_among_calibration_frames_is_refused(tmp_path: Path) -> None:
     assert sum(one.stat().st_size for one in scratch.iterdir()) < 100_000_000
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_little_memory")
 @pytest.mark.parametrize("kind", ["GZIP_1", "GZIP_2", "HCOMPRESS_1"])
 def test_a_calibration_frames_tile_that_unpacks_without_end_is_refused(tmp_path: Path, kind: str) -> None:

@@ -149,6 +149,7 @@ def alike(count: int, rho: float, rng: np.random.Generator) -> np.ndarray:
     return noise
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "least", "most"),
     [
@@ -193,6 +194,7 @@ def test_stated_rate_errors_cover_the_truth(kind, least, most) -> None:
     assert least < float(np.sqrt(np.mean(np.clip(misses, -10, 10) ** 2))) < most
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [3, 4, 5, 8])
 def test_the_error_of_few_frames_covers_the_truth_as_often_as_one_sigma_says(count):
     """Their scatter is known as badly as their rate: two thirds lie within the stated error all the same."""

@@ -63,6 +63,7 @@ def test_shifts_are_true(night) -> None:
     assert math.sqrt(np.mean(np.sum(np.square(off), axis=1))) < 0.03
 
 
+@pytest.mark.long
 def test_one_frame_is_solved_the_rest_followed_and_audited(night) -> None:
     report, centers = night
     assert [one.mode for one in report.frames] == [
@@ -122,6 +123,7 @@ def test_jumps_split_the_series_and_leave_the_drift_alone(draw, catalog) -> None
     assert report.drift.dec_arcsec_min == pytest.approx(3.0, abs=0.1)
 
 
+@pytest.mark.long
 def test_a_slew_to_another_field_starts_anew(draw, catalog) -> None:
     there = Icrs(84.9, 20.6)
     centers = [*drifting(4, 5.0, 5.0), *drifting(4, 5.0, 5.0, there)]
@@ -310,6 +312,7 @@ def test_streaming_tells_the_same_as_the_whole(draw, catalog) -> None:
     assert all(one.persistent > 0 for one in whole.frames)
 
 
+@pytest.mark.long
 def test_a_frame_is_placed_by_the_catalog_when_only_its_center_is_unknown(draw, catalog) -> None:
     solved = followed([draw(0, CENTER)], catalog).frames[0].solution
     plate = plate_from_cards(solved.wcs, width_px=640, height_px=480)
@@ -338,6 +341,7 @@ class EmptyingCatalog:
         return self.catalog.cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=limit)
 
 
+@pytest.mark.long
 def test_a_turned_field_that_can_not_be_solved_is_placed_with_its_turn(draw, catalog) -> None:
     emptying = EmptyingCatalog(catalog)
     follower = SeriesFollower(
@@ -356,6 +360,7 @@ def test_a_turned_field_that_can_not_be_solved_is_placed_with_its_turn(draw, cat
     assert separation_arcsec(middle, got.center) < 1e-3
 
 
+@pytest.mark.long
 def test_an_audit_that_contradicts_the_shift_starts_anew(draw, catalog) -> None:
     """As if the first frame's solution had been wrong by five pixels."""
     centers = drifting(4, 10.0, 0.0)
@@ -376,6 +381,7 @@ def test_an_audit_that_contradicts_the_shift_starts_anew(draw, catalog) -> None:
     assert separation_arcsec(after.center, centers[3]) < 0.1 * SCALE
 
 
+@pytest.mark.long
 def test_copies_of_a_frame_are_told_and_count_once(draw, catalog) -> None:
     first, second = (draw(number, center) for number, center in enumerate(drifting(2, 3.0, 0.0)))
     report = followed([first, replace(first), second, first], catalog)

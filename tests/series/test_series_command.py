@@ -71,6 +71,7 @@ def test_the_object(files: list[Path]) -> None:
     assert record["reason"] is None
 
 
+@pytest.mark.long
 def test_files_that_are_no_frames_are_told_and_the_code_is_1(files: list[Path], tmp_path: Path) -> None:
     cut = tmp_path / "cut.fits"
     cut.write_bytes(files[1].read_bytes()[:20000])
@@ -82,6 +83,7 @@ def test_files_that_are_no_frames_are_told_and_the_code_is_1(files: list[Path], 
     assert record["drift"]["frames"] == 3
 
 
+@pytest.mark.long
 def test_without_dates_there_is_no_drift_and_a_reason(files: list[Path], tmp_path: Path) -> None:
     bare = []
     for path in files[:3]:

@@ -116,6 +116,7 @@ def test_geometry_has_no_trouble_at_the_pole() -> None:
     assert perfect_direction(-170.0, -100.0) == pytest.approx((10.0, -80.0))
 
 
+@pytest.mark.long
 def test_refraction_is_astropys(clock, site: Site) -> None:
     air = Air(930.0, 5.0, 0.7, 0.6)
     mechanics = Mechanics(site, air, NONE, clock=clock)

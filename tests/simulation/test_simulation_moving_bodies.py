@@ -99,6 +99,7 @@ def test_a_body_without_a_magnitude_is_refused() -> None:
         MovingBody(lambda _: CENTER, float("nan"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("length_px", [6.0, 12.0])
 def test_the_trail_of_a_drawn_frame_shows_rate_and_direction(length_px: float) -> None:
     exposure_s = 4.0

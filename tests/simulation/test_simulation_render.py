@@ -90,6 +90,7 @@ def centroid(frame: Frame, x: float, y: float, reach: int = 8) -> tuple[float, f
     return cx, cy
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("parity", [1, -1])
 @pytest.mark.parametrize("rotation_deg", [0.0, 37.0, 90.0, 201.5, 359.0])
 def test_stars_fall_where_astropy_puts_them(parity: int, rotation_deg: float) -> None:

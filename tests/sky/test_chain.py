@@ -77,6 +77,7 @@ def test_apparent_places_are_astropys(utc: datetime) -> None:
         assert separation_arcsec(apparent, Apparent(float(ra_deg), float(dec_deg), utc)) < 0.001
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("utc", INSTANTS)
 @pytest.mark.parametrize("site", [SITE, SOUTH])
 @pytest.mark.parametrize("air", [Air(), AIR])

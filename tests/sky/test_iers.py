@@ -71,6 +71,7 @@ def test_prepare_forbids_astropy_the_network() -> None:
     assert astropy_iers.conf.iers_degraded_accuracy == "warn"
 
 
+@pytest.mark.long
 def test_a_fresh_process_reaches_for_no_socket() -> None:
     program = """
 import socket, sys

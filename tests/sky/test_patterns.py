@@ -38,6 +38,7 @@ def within(panel: Panel, place: Icrs, width_deg: float, height_deg: float, slack
     )
 
 
+@pytest.mark.long
 @given(
     centers,
     angles,

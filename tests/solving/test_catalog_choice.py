@@ -233,6 +233,7 @@ class Late(Counting):
         return super().cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
 
 
+@pytest.mark.long
 def test_waiting_for_the_network_leaves_the_search_its_time(sky, stores):
     late = Late(stores["gaia"])
     optics = PRESETS["prompt-8"]
@@ -317,6 +318,7 @@ class Failing:
         return replace(stars, steps=("deep: no answer within 8 s; Tycho-2 taken instead",))
 
 
+@pytest.mark.long
 def test_what_was_asked_in_vain_is_told_whether_the_frame_is_solved_or_not(sky):
     shelf = CatalogSet(embedded_catalog(), [], [Failing()])
     optics = PRESETS["vihorlat-vnt"]
@@ -414,6 +416,7 @@ def test_a_frame_wrongly_believed_narrow_is_still_found_over_the_whole_sky(sky, 
     assert separation_arcsec(verdict.solution.center, far) < 0.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hint", [None, "here", "no scale"])
 def test_what_was_ordered_is_used_or_the_frame_is_not_solved(sky, stores, sky_index, tmp_path, hint):
     """The index of Tycho-2 answers first, and its stars were taken though Gaia alone was ordered."""

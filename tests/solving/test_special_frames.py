@@ -47,6 +47,7 @@ def _binned(frame: Frame, columns: int, rows: int, cards: Cards) -> Frame:
     return replace(frame_from_array(binned, cards), mid_exposure_utc=INSTANT)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("columns", "rows"), [(1, 2), (2, 1), (1, 3)])
 @pytest.mark.parametrize("by", ["binning", "sizes"])
 def test_uneven_binning_is_solved_on_the_pixels_of_the_file(
@@ -139,6 +140,7 @@ def test_missing_pixels_count_for_nothing() -> None:
     assert np.isnan(merged).sum() == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cut", [1.0, 3.0, 5.0])
 @pytest.mark.parametrize("curve", [1.0, 0.5])
 def test_a_stretched_picture_with_its_sky_cut_off_is_solved(square: Frame, cut: float, curve: float) -> None:

@@ -75,6 +75,7 @@ def ordered(stars: StarList, order: str, count: int, rng: np.random.Generator) -
     return replace(stars, x_px=stars.x_px[mixed], y_px=stars.y_px[mixed], flux=flux[mixed])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("hint", [None, NEAR], ids=["blind", "hinted"])
 def test_the_sixty_brightest_are_found_in_any_order(

@@ -57,6 +57,7 @@ def _say(log: Log, text: str) -> None:
     log.logger.warning("somebody said %s", text)
 
 
+@pytest.mark.long
 def test_one_place_fills_no_log_and_hides_no_other_place(
     log: Log, clock: Clock, caplog: pytest.LogCaptureFixture
 ) -> None:

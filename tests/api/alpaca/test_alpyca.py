@@ -181,6 +181,7 @@ def test_what_it_reads(telescope: Telescope) -> None:
     assert {"RightAscension", "Declination", "Slewing", "Tracking", "UTCDate", "TimeStamp"} <= set(state)
 
 
+@pytest.mark.long
 def test_a_slew_a_sync_and_an_abort(telescope: Telescope) -> None:
     with pytest.raises(ValueNotSetException):
         _ = telescope.TargetDeclination

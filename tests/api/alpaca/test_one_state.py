@@ -15,6 +15,7 @@ async def value(probe: AlpacaProbe, member: str) -> object:
     return found.value
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("order", "there"), [("park", "atpark"), ("findhome", "athome")])
 async def test_there_is_never_told_while_it_slews_and_the_next_order_is_taken(
     observatory: Running, order: str, there: str

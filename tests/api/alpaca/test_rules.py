@@ -474,6 +474,7 @@ async def test_the_setup_pages(shared_observatory: Running) -> None:
         assert 'href="/"' in page.text
 
 
+@pytest.mark.long
 async def test_none_of_it_stands_in_the_public_description(shared_observatory: Running) -> None:
     paths = shared_observatory.app.openapi()["paths"]
     assert paths

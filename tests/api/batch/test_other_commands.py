@@ -31,6 +31,7 @@ def test_frames_without_any_hint_are_found(command: str, folder: Path, sky_index
         assert separation_arcsec(Icrs(first["ra_deg"], first["dec_deg"]), PLACE) < SCALE_ARCSEC_PX
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("command", ["solve", "accuracy", "series"])
 @pytest.mark.parametrize(
     ("kind", "why"),

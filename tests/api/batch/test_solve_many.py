@@ -60,6 +60,7 @@ def test_patterns_and_lists_name_frames_too(
     assert done.returncode == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("words", "why"),
     [
@@ -114,6 +115,7 @@ def test_the_same_rows_in_each_kind_of_file(folder: Path, tmp_path: Path) -> Non
     assert int(rows[0]["width_px"]) == 640
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["jsonl", "csv", "ecsv", "parquet"])
 def test_a_run_is_resumed_by_content_and_not_by_name(folder: Path, tmp_path: Path, kind: str) -> None:
     results = tmp_path / f"results.{kind}"
@@ -141,6 +143,7 @@ def test_the_line_that_was_not_finished_is_done_again(folder: Path, tmp_path: Pa
     assert [Path(json.loads(line)["file"]).name for line in lines] == ["a.fits", "c.fit"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["csv", "ecsv", "parquet"])
 def test_rows_are_added_and_files_of_others_left_alone(folder: Path, tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"r.{kind}"
@@ -188,6 +191,7 @@ def test_what_has_no_header_is_told_and_fails(folder: Path) -> None:
     assert picture.read_bytes() == before
 
 
+@pytest.mark.long
 def test_headers_beside_stars_and_pictures(folder: Path, tmp_path: Path) -> None:
     (folder / "a.png").write_bytes(b"no picture")
     pairs, pictures = tmp_path / "pairs.ecsv", tmp_path / "pictures"
@@ -214,6 +218,7 @@ def test_headers_beside_stars_and_pictures(folder: Path, tmp_path: Path) -> None
     assert (np.abs(around - (80, 230, 120)).sum(axis=1) < 30).any()
 
 
+@pytest.mark.long
 def test_each_extension_of_a_file(tmp_path: Path, drawn: list[bytes]) -> None:
     path, results = tmp_path / "mosaic.fits", tmp_path / "r.csv"
     images = [fits.ImageHDU(fits.getdata(io.BytesIO(one)), name=f"CCD{n}") for n, one in enumerate(drawn, 1)]

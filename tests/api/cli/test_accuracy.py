@@ -104,6 +104,7 @@ def test_json_tells_of_each_frame_and_of_all(frames: list[Path], record: dict[st
     assert 0.8 < record["fit_factor"] < 1.0
 
 
+@pytest.mark.long
 def test_pictures_are_written(frames: list[Path], record: dict[str, Any]) -> None:
     folder = frames[0].parent / "pictures" / "new"
     assert sorted(path.name for path in folder.iterdir()) == ["histograms.png", "residuals-800x640.png"]

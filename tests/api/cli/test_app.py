@@ -138,6 +138,7 @@ def test_solve_prints_one_object_a_file_in_order_and_does_the_others_too(
     assert quality["sky_mag_arcsec2"] is None  # without a bias nothing tells how much of the level is sky
 
 
+@pytest.mark.long
 def test_solve_for_people_exits_0_when_all_are_solved(frame: tuple[Path, dict[str, Any]]) -> None:
     path, truth = frame
     hint = truth["hint"]
@@ -187,6 +188,7 @@ def test_bad_usage_exits_2_and_says_why(arguments: list[str]) -> None:
     assert done.stdout == ""
 
 
+@pytest.mark.long
 def test_a_broken_config_names_line_and_fix_in_one_line(tmp_path: Path) -> None:
     config = tmp_path / "observatory.toml"
     config.write_text("[site]\nlatitude_deg = 97\nlongitude_deg = 11\n[[telescope]]\n")
@@ -199,6 +201,7 @@ def test_a_broken_config_names_line_and_fix_in_one_line(tmp_path: Path) -> None:
     assert f"{config}: line 2: site.latitude_deg" in done.stderr
 
 
+@pytest.mark.long
 def test_serve_goes_down_cleanly_on_sigterm(tmp_path: Path, observatory_toml: str) -> None:
     config = tmp_path / "observatory.toml"
     config.write_text(observatory_toml)
@@ -218,6 +221,7 @@ def test_serve_goes_down_cleanly_on_sigterm(tmp_path: Path, observatory_toml: st
     assert "Traceback" not in told
 
 
+@pytest.mark.long
 def test_a_fake_mount_on_a_pseudo_terminal_answers_and_tidies_up(tmp_path: Path) -> None:
     link = tmp_path / "mount"
     errors = tmp_path / "errors.toml"
@@ -236,6 +240,7 @@ def test_a_fake_mount_on_a_pseudo_terminal_answers_and_tidies_up(tmp_path: Path)
     assert not link.is_symlink()
 
 
+@pytest.mark.long
 def test_a_fake_mount_on_tcp_tells_its_port() -> None:
     with _serving("fake-mount", "--tcp", "127.0.0.1:0") as (process, address):
         with serial.serial_for_url(address, timeout=10) as port:

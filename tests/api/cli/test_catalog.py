@@ -188,6 +188,7 @@ def test_what_is_wrong_ends_with_one_line_and_code_2(zones: Path, folder: Path, 
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "error", "told"),
     [
@@ -353,6 +354,7 @@ def test_verify_finds_a_flipped_bit_and_says_so_with_code_1(zones: Path, folder:
 # cone
 
 
+@pytest.mark.long
 def test_cone_of_an_import_prints_color_and_flags(zones: Path, folder: Path) -> None:
     _json("import", "ucac4", zones)
     place = ("--ra", "0", "--dec", "-90", "--radius", "0.1", "--epoch", "2000")

@@ -46,6 +46,7 @@ def _ask(*arguments: str | Path) -> Result:
     return done
 
 
+@pytest.mark.long
 def test_an_area_is_fetched_once_and_then_needs_no_network(server: StarServer, config: Path) -> None:
     done = _ask("fetch", "tycho-live", "--config", config, *AREA, "--json")
     assert done.exit_code == 0

@@ -79,6 +79,7 @@ def test_it_writes_over_nothing_and_asks_nobody_without_a_terminal(tmp_path: Pat
     assert not (tmp_path / "other.toml").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
@@ -106,6 +107,7 @@ def test_an_answer_that_makes_no_sense_writes_nothing(
     assert not (tmp_path / "observatory.toml").exists()
 
 
+@pytest.mark.long
 def test_it_asks_on_a_terminal(tmp_path: Path) -> None:
     near, far = pty.openpty()
     process = subprocess.Popen(
@@ -154,6 +156,7 @@ def test_check_tells_a_port_that_is_taken(tmp_path: Path) -> None:
     assert str(number) in found["what"]
 
 
+@pytest.mark.long
 def test_check_with_connect_says_what_answers_and_sets_nothing(tmp_path: Path) -> None:
     link = tmp_path / "mount"
     with serving("--protocol", "lx200", "--dialect", "onstep", "--link", link) as (process, _):

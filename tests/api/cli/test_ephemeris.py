@@ -35,6 +35,7 @@ def run(*arguments: str | Path) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
+@pytest.mark.long
 def test_import_list_show_forget(tmp_path: Path) -> None:
     catalog = tmp_path / "MPCORB.DAT"
     catalog.write_text(f"{CERES_2025}\n{PALLAS_2024}\n")
@@ -65,6 +66,7 @@ def test_show_for_programs() -> None:
     assert [one["event"] for one in events] == ["rises", "meridian"]
 
 
+@pytest.mark.long
 def test_show_of_files(tmp_path: Path) -> None:
     station = tmp_path / "station.tle"
     station.write_text(ISS)

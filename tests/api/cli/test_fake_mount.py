@@ -114,6 +114,7 @@ def test_a_refused_file_leaves_the_signals_as_they_were() -> None:
     assert signal.set_wakeup_fd(-1) == -1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 @pytest.mark.parametrize("when", ["before it waits", "when it waits"])
 def test_a_signal_ends_it_tidily_whichever_thread_takes_it(
@@ -153,6 +154,7 @@ def test_the_list_tells_all() -> None:
     assert listed == [f"{protocol}: {', '.join(fake_dialects(protocol))}" for protocol in fake_protocols()]
 
 
+@pytest.mark.long
 def test_a_motor_controller_answers_datagrams() -> None:
     with serving("--protocol", "skywatcher", "--udp", "127.0.0.1:0") as (process, address):
         assert address.startswith("udp://127.0.0.1:")
@@ -165,6 +167,7 @@ def test_a_motor_controller_answers_datagrams() -> None:
         ended(process)
 
 
+@pytest.mark.long
 def test_faults_and_mechanics_from_files_and_what_was_said_and_struck(tmp_path: Path) -> None:
     mechanics = tmp_path / "mount.toml"
     mechanics.write_text(

@@ -59,6 +59,7 @@ def test_list_tells_a_line_each_in_the_order_of_time(file: Path) -> None:
     assert told[-1].endswith("fault      stopped at a limit")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("options", "count"),
     [

@@ -116,6 +116,7 @@ def test_a_worse_model_changes_nothing(looks, config, tmp_path):
     assert any("written though" in note for note in PointingModel.load(out).notes)
 
 
+@pytest.mark.long
 def test_to_tpoint_and_back(looks, config, tmp_path):
     out, mod, back = tmp_path / "model.json", tmp_path / "east.mod", tmp_path / "back.json"
     mountnav("fit", looks, "-c", config, "-o", out)

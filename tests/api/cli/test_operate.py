@@ -53,6 +53,7 @@ def test_status_tells_where_it_points(service: Served) -> None:
     assert answer["answer"]["id"] == "east"
 
 
+@pytest.mark.long
 def test_orders_are_carried_out_to_their_end(service: Served) -> None:
     _, state = told(service.url, "status", "east")
     place = state["answer"]["icrs"]
@@ -70,6 +71,7 @@ def test_orders_are_carried_out_to_their_end(service: Served) -> None:
     assert "solved: " not in look.stdout
 
 
+@pytest.mark.long
 def test_what_is_refused_has_a_code_and_one_line_of_words(service: Served) -> None:
     code, answer = told(service.url, "center", "No Such Star")
     assert (code, answer["ok"]) == (2, False)
@@ -83,6 +85,7 @@ def test_what_is_refused_has_a_code_and_one_line_of_words(service: Served) -> No
     assert below.stdout == ""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "words",
     [

@@ -68,6 +68,7 @@ def test_all_commands_together_import_nothing_slow() -> None:
     assert [name for name in SLOW if name in json.loads(done.stdout)] == []
 
 
+@pytest.mark.long
 def test_nothing_but_the_entry_point_imports_the_commands() -> None:
     """What the service shares with a command stands in a room of its own."""
     root = Path(api.__file__).parents[1]

@@ -40,6 +40,7 @@ def test_files_that_cant_be_used_are_refused_with_the_reason() -> None:
     assert unreadable(OSError("no file at all")) == "the file can't be read: no file at all"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "words",
     [

@@ -15,6 +15,7 @@ from tests.api.command_here import run_here
 from tests.api.solver_commands.fields import CENTER, call, fits_field, pixels
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "hint", [(), ("--ra", "83", "--dec", "21.5", "--radius", "2")], ids=["blind", "hinted"]
 )

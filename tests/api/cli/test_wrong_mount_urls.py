@@ -225,6 +225,7 @@ def test_serve_says_one_line_and_ends_with_2(tmp_path: Path, here: Callable[...,
         assert not (tmp_path / "journal.sqlite").exists(), "something was opened"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("more", "told"),
     [

@@ -404,6 +404,7 @@ def service_of(client: httpx.AsyncClient) -> Service:
 LEASE = "/v1/telescopes/east/lease"
 
 
+@pytest.mark.long
 async def test_over_http_and_over_a_restart(serving: Serve, observatory_toml: str) -> None:
     async with serving(observatory_toml) as client:
         await _taken_kept_refused_and_released(client)

@@ -120,6 +120,7 @@ async def test_one_that_has_just_come_makes_no_room_for_newcomers_of_the_same_mo
     await port.stop()
 
 
+@pytest.mark.long
 async def test_beside_clients_that_reconnect_without_end_each_stop_is_heard() -> None:
     port = TcpPort("127.0.0.1", 0, _hear_first_byte, name="a test", most=16)
     await port.start()

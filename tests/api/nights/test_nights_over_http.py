@@ -203,6 +203,7 @@ async def test_the_night_goes_on_after_a_restart(tmp_path: Path, monkeypatch: py
     assert "go on: the service was restarted" in [row.replayed for row in played.report.rows]
 
 
+@pytest.mark.long
 async def test_rain_parks_a_telescope_that_somebody_slews(tmp_path: Path) -> None:
     folder, record, safety = tmp_path / "frames", tmp_path / "recordings", tmp_path / "safety.txt"
     (folder / "elsewhere").mkdir(parents=True)

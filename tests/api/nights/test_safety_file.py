@@ -60,6 +60,7 @@ async def test_a_file_that_hangs_is_answered_for_in_time(
     assert "ZeroDivisionError" in await safety.look()
 
 
+@pytest.mark.long
 async def test_what_the_file_says_and_what_is_said_are_two(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -291,6 +291,7 @@ async def test_all_is_forgotten_after_a_while() -> None:
         refused(await nova.get(f"/api/jobs/{job}"), 404)
 
 
+@pytest.mark.long
 async def test_going_down_ends_what_is_under_way() -> None:
     async with standing() as nova:
         told: list[dict[str, Any]] = []

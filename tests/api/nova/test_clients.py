@@ -365,6 +365,7 @@ async def test_each_route_has_two_forms_and_two_methods(nova: Standing) -> None:
     assert (await nova.client.head(f"{nova.url}/api/jobs/{job}")).status_code == 200
 
 
+@pytest.mark.long
 async def test_a_refusal_is_no_success_anywhere(nova: Standing) -> None:
     """Noise, and a wrong hint: the reason stands in the log and beside the status."""
     for content, asked in ((noise(), HINT), (drawn(), HINT | {"center_ra": 200.0})):
@@ -380,6 +381,7 @@ async def test_a_refusal_is_no_success_anywhere(nova: Standing) -> None:
             assert (await nova.get(f"/{file}/{job}")).status_code == 404
 
 
+@pytest.mark.long
 async def test_a_negative_is_solved_when_it_is_said_so(nova: Standing) -> None:
     plane = pixels().astype(np.float32)
     negative = as_fits(plane.max() - plane)

@@ -142,6 +142,7 @@ def test_json_beyond_all_bounds_is_refused() -> None:
         read_request(json.dumps({f"k{number}": 0 for number in range(10_000)}))
 
 
+@pytest.mark.long
 @given(st.recursive(st.none() | st.booleans() | st.floats() | st.text(), lambda inner: st.lists(inner)))
 def test_any_value_is_read_or_refused(value: Any) -> None:
     names = ("center_ra", "center_dec", "radius", "scale_lower", "scale_upper", "scale_est", "scale_err")

@@ -72,6 +72,7 @@ async def _back(service: Service) -> None:
                 return
 
 
+@pytest.mark.long
 async def test_states_stop_and_park_work_orders_are_refused_with_the_reason_and_it_mends_itself(
     degraded: tuple[httpx.AsyncClient, Service], away: Path
 ) -> None:
@@ -112,6 +113,7 @@ async def _told(client: httpx.AsyncClient, telescope: str, words: str) -> dict[s
     return dict(state)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("journal", ["away at the start", "there"])
 async def test_a_fault_in_taking_a_telescope_up_keeps_that_one_alone_from_orders_until_it_is_done(
     journal: str, observatory_toml: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -159,6 +161,7 @@ async def test_a_fault_in_taking_a_telescope_up_keeps_that_one_alone_from_orders
         assert slewed.json()["state"] == "succeeded", slewed.text
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("journal", ["away at the start", "there"])
 async def test_no_order_is_taken_while_the_keys_of_earlier_runs_can_not_be_read_for_a_fault(
     journal: str, observatory_toml: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -141,6 +141,7 @@ def test_every_answer_says_that_it_is_virtual(
     _require_header(answer)
 
 
+@pytest.mark.long
 def test_event_streams_say_so_too(observatory: Observatory) -> None:
     with observatory.client.stream("GET", "/v1/events") as stream:
         _require_header(stream)

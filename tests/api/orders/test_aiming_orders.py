@@ -122,6 +122,7 @@ async def test_a_mosaic_goes_on_when_the_camera_says_so(client: httpx.AsyncClien
     assert "is over" in late.text
 
 
+@pytest.mark.long
 async def test_a_search_that_sees_at_once_centers(client: httpx.AsyncClient) -> None:
     job = await ended(client, await client.post(f"{EAST}/spiral-search", json=await place_near(client)))
     assert job["state"] == "succeeded", job["problem"]

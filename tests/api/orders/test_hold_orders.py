@@ -23,6 +23,7 @@ QUICK = replace(POLICY, exposure_s=2.0)
 ATTEMPT: TypeAdapter[object] = TypeAdapter(Attempt)
 
 
+@pytest.mark.long
 def test_a_hold_tells_each_look_and_keeps_one_a_minute() -> None:
     told: list[tuple[str, dict[str, object]]] = []
 

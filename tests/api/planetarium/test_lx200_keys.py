@@ -56,6 +56,7 @@ async def rig(tmp_path: Path) -> AsyncIterator[Rig]:
             await server.stop()
 
 
+@pytest.mark.long
 async def test_a_key_moves_until_it_is_released(rig: Rig) -> None:
     before = mechanics_of(rig.service).truth()
     await rig.say(b":RM#:Mn#")

@@ -186,6 +186,7 @@ def test_a_frame_holds_what_its_wcs_says(dec: float, rotation: float) -> None:
     assert found.tolist() == sorted(sky.mag[inside].tolist())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("side", "share", "within"),
     [(0.3, 0.84, 0.05), (0.5, 0.39, 0.05), (0.75, 0.034, 0.02), (1.0, 0.0006, 0.003)],
@@ -203,6 +204,7 @@ def test_poor_fields_are_as_many_as_were_counted_elsewhere(side: float, share: f
     assert np.mean(poor) == pytest.approx(share, abs=within)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("side", [0.6, 1.0])
 def test_the_short_cuts_change_nothing(side: float) -> None:
     frame = FrameSize(side, side, 11.5)
@@ -226,6 +228,7 @@ def test_a_rich_sky_is_not_counted_to_the_end() -> None:
     assert found.plane > found.median > found.pole > 50
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("depth", [10.5, 11.5])
 @pytest.mark.parametrize("side", one_in(2, [1.0, 0.75, 0.45, 0.3]))
 def test_the_model_is_near_the_real_counts(side: float, depth: float) -> None:
@@ -296,6 +299,7 @@ def test_a_field_too_small_for_any_catalog_is_told_what_helps() -> None:
     assert found.remedies[0].fails_share > 0.01
 
 
+@pytest.mark.long
 def test_an_estimated_depth_is_said_to_be_one() -> None:
     found = diagnose(
         camera(0.3, 0.3, 15.0, depth_is_estimate=True), reach_of(49.0, 15.0), TYCHO2, epoch_yr=EPOCH
@@ -327,6 +331,7 @@ def north(tmp_path: Path) -> PackedStore:
     return PackedStore(tmp_path / "north.mnc")
 
 
+@pytest.mark.long
 def test_what_a_catalog_has_no_sky_for_is_told_apart(north: PackedStore) -> None:
     reach = Reach(-30.0, 90.0)
     both = diagnose(

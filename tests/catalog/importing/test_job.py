@@ -279,6 +279,7 @@ def test_killed_twice_and_killed_again(zones: Path, whole: bytes, tmp_path: Path
     assert import_catalog(_order(zones, tmp_path)).path.read_bytes() == whole
 
 
+@pytest.mark.long
 def test_killed_after_the_rename_the_catalog_is_there_and_the_rest_can_be_swept(
     zones: Path, whole: bytes, tmp_path: Path
 ) -> None:
@@ -343,6 +344,7 @@ def test_a_file_that_isnt_in_yet_may_be_copied_again(whole: bytes, tmp_path: Pat
     assert imported.path.read_bytes() == whole
 
 
+@pytest.mark.long
 def test_a_record_that_isnt_there_or_is_damaged_trusts_nothing(
     zones: Path, whole: bytes, tmp_path: Path
 ) -> None:
@@ -431,6 +433,7 @@ def test_values_that_cant_be_packed_are_told_with_their_part(
 # the last look
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("field", "shift"), [("mag", 0.01), ("dec_deg", 1e-5), ("pm_dec_mas_yr", 1.0), ("flags", 1)]
 )
@@ -516,6 +519,7 @@ except BadSettings as error:
 """
 
 
+@pytest.mark.long
 def test_a_folder_that_may_not_be_written_is_told() -> None:
     # not under tmp_path, into which nobody else may look
     with tempfile.TemporaryDirectory() as place:

@@ -120,6 +120,7 @@ MARKS = {"usno-b1": pytest.mark.shared, "gaia-bright": pytest.mark.long}
 """The last one holds all of Tycho-2."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [pytest.param(one, marks=MARKS.get(one, ())) for one in CATALOGS])
 def test_every_star_of_the_files_is_in_the_packed_one(
     kind: str, tmp_path: Path, request: pytest.FixtureRequest

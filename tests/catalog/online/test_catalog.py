@@ -58,6 +58,7 @@ def in_order(stars: Stars) -> Stars:
     return stars.only(np.lexsort((stars.dec_deg, stars.ra_deg)))
 
 
+@pytest.mark.long
 @KINDS
 @pytest.mark.parametrize(
     ("place", "radius_deg"),
@@ -97,6 +98,7 @@ def require_same(found: Stars, truth: Stars) -> None:
     assert ((found.flags & StarFlag.NO_PROPER_MOTION) != 0).tolist() == np.isnan(truth.pm_dec_mas_yr).tolist()
 
 
+@pytest.mark.long
 @KINDS
 def test_errors_and_colors_are_those_of_the_answer(
     server: StarServer, tmp_path: Path, kind: dict[str, object]
@@ -199,6 +201,7 @@ def test_stale_tiles_are_fetched_again_or_taken_as_they_are(server: StarServer, 
     assert catalog.cached_tiles().oldest == today()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("suffix", [".mnc", ".json"])
 @pytest.mark.parametrize("harm", ["flip", "cut", "empty", "remove"])
 def test_damaged_tiles_are_noticed_and_fetched_again(
@@ -281,6 +284,7 @@ def test_other_settings_have_other_tiles(server: StarServer, tmp_path: Path) -> 
     assert not list(tmp_path.rglob("*.mnc"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("limit", [9.0, 10.5])
 def test_tiles_have_the_depth_that_is_configured(server: StarServer, tmp_path: Path, limit: float) -> None:
     place = Icrs(100.0, 20.0)
@@ -321,6 +325,7 @@ def test_impossible_cones_are_refused(
     assert not server.asked
 
 
+@pytest.mark.long
 def test_a_night_is_prefetched_and_then_needs_no_network(server: StarServer, tmp_path: Path) -> None:
     silent = online(server, tmp_path, ask="never", **TAP)
     shares: list[tuple[int, int]] = []
@@ -350,6 +355,7 @@ def test_a_prefetch_that_fails_says_why(server: StarServer, tmp_path: Path) -> N
     assert "not currently reachable" in report.problem
 
 
+@pytest.mark.long
 def test_threads_share_it(server: StarServer, tmp_path: Path) -> None:
     catalog, place = online(server, tmp_path), Icrs(100.0, 20.0)
     found: list[list[float]] = []
@@ -407,6 +413,7 @@ def _count(sent: bytes, out: multiprocessing.Queue[tuple[int, str]]) -> None:
     out.put((len(stars), stars.source))
 
 
+@pytest.mark.long
 def test_processes_fetch_the_same_tiles_at_the_same_time(server: StarServer, tmp_path: Path) -> None:
     catalog = online(server, tmp_path)
     context = multiprocessing.get_context("spawn")

@@ -52,6 +52,7 @@ TAP = {"protocol": "tap", "table": "own.stars", "columns": {"ra": "raj2000", "de
 CONE = {"protocol": "cone", "table": ""}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("mood", "said", "given"),
     [
@@ -101,6 +102,7 @@ def test_a_bad_answer_is_told_and_the_catalog_behind_is_taken_whole(
     assert step.endswith(f"; {expected.source} taken instead")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "mood", [moods.silent, moods.trickling_body, moods.trickling_headers], ids=lambda mood: mood.__name__
 )
@@ -235,6 +237,7 @@ def test_an_empty_answer_is_not_believed_where_the_sky_is_full(server: StarServe
     assert catalog.cached_tiles().tiles == 0
 
 
+@pytest.mark.long
 def test_what_came_before_a_failure_is_kept(server: StarServer, tmp_path: Path) -> None:
     wide = 2.4
     asked: list[str] = []

@@ -100,6 +100,7 @@ places = st.one_of(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(place=places, radius_deg=st.floats(0.01, 40), limit=st.one_of(st.none(), st.floats(-2, 14)))
 def test_cone_finds_what_brute_force_finds(

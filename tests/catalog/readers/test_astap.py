@@ -129,6 +129,7 @@ def test_names_of_areas_that_do_not_exist_are_no_names() -> None:
         assert area_of(Path(name)) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("areas", [290, 1476])
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -243,6 +244,7 @@ def whole_file() -> bytes:
 NAME = f"d50_{label(101.0, 30.2, 1476)}.1476"
 
 
+@pytest.mark.long
 def test_every_cut_that_can_be_seen_is_refused(tmp_path: Path) -> None:
     content = whole_file()
     path = tmp_path / NAME
@@ -382,6 +384,7 @@ def test_parts_tell_their_declinations(tmp_path: Path) -> None:
         assert all(np.all((chunk.dec_deg > low) & (chunk.dec_deg < high)) for chunk in reader.read(part))
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None)
 @given(at=st.integers(0, 109 + 5 * 40), value=st.integers(0, 255))
 def test_a_changed_byte_is_refused_or_moves_few_stars(

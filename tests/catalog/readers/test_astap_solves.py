@@ -31,6 +31,7 @@ CENTERS = {"in one area": Icrs(99.0, 33.0), "where areas meet": Icrs(114.0, 30.8
 pytestmark = pytest.mark.skipif(shutil.which("astap_cli") is None, reason="astap_cli is not installed")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("areas", "size"), [(290, 5), (290, 6), (1476, 5), (1476, 6)])
 @pytest.mark.parametrize("where", CENTERS)
 def test_astap_solves_with_area_files_that_our_reader_reads(

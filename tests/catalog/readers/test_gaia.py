@@ -209,6 +209,7 @@ def test_what_is_written_is_read(writer: Callable[[Table, Path], Path], tmp_path
     assert np.all(sigma_mas(stars, 2026.0)[alone] > 100.0)  # ten years of some 10 mas/yr
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("writer", WRITERS.values(), ids=WRITERS)
 def test_each_format_is_refused_when_it_is_cut(writer: Callable[[Table, Path], Path], tmp_path: Path) -> None:
     path = writer(gaia_table(30), tmp_path / "extract")
@@ -254,6 +255,7 @@ def any_table(draw: st.DrawFn) -> Table:
     return table
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("writer", one_in(2, WRITERS.values()), ids=WRITERS)
 @given(table=any_table())
 @physical
@@ -421,6 +423,7 @@ def test_other_units_are_refused(
         read(path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("column", "value", "expected"),
     [

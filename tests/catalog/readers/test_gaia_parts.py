@@ -77,6 +77,7 @@ def test_a_large_file_is_read_in_parts(suffix: str, tmp_path: Path, monkeypatch:
     assert 0 <= head < 16_000  # headers are no part
 
 
+@pytest.mark.long
 @settings(max_examples=40, deadline=None)
 @given(piece=st.integers(60, 3000), block=st.integers(50, 500))
 def test_wherever_a_text_is_divided_no_line_is_lost(

@@ -225,6 +225,7 @@ def sound() -> bytes:
     )
 
 
+@pytest.mark.long
 def test_every_cut_is_refused(tmp_path: Path) -> None:
     content = sound()
     path = tmp_path / "a.dat"

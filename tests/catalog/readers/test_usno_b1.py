@@ -230,6 +230,7 @@ def test_tycho_stars_and_rejects_are_left_out_and_counted(tmp_path: Path) -> Non
 # ---- damage
 
 
+@pytest.mark.long
 def test_every_truncation_within_a_record_is_refused(zone_0: Path, tmp_path: Path) -> None:
     cut = tmp_path / "b0000.cat"
     cut.write_bytes(zone_0.read_bytes()[: 60 * 80])

@@ -47,6 +47,7 @@ async def server(head: str, body: bytes, *, endless: bool = False) -> AsyncItera
         opened.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["GET", "PUT"])
 @pytest.mark.parametrize(
     ("head", "body", "endless", "why"),

@@ -538,6 +538,7 @@ async def test_a_silent_server_and_its_return_are_announced() -> None:
         assert rig.mount.trusted, "a silence is no loss"
 
 
+@pytest.mark.long
 async def test_a_server_that_dies_in_a_slew_is_lost_and_comes_back_untrusted() -> None:
     telescope = FakeTelescope(quick_mechanics(slew_rate_deg_s=3.0))
     async with rigged(telescope, "&heartbeat_s=0.1") as rig:

@@ -68,6 +68,7 @@ GROWING: dict[str, tuple[Callable[[int], bytes], str]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", GROWING)
 async def test_a_server_that_would_have_us_grow_is_lost_and_read_no_more(kind: str) -> None:
     made, why = GROWING[kind]

@@ -114,6 +114,7 @@ def test_a_sync_that_comes_after_it_was_given_up_is_told() -> None:
     lived(life)
 
 
+@pytest.mark.long
 def test_a_blocked_axis_stalls_the_slew_and_the_mount_is_stopped() -> None:
     async def life(mount: SimulatedMount, clock: VirtualClock) -> None:
         slew = asyncio.create_task(mount.slew(up(clock, 60.0, 0.0)))

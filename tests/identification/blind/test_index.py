@@ -127,6 +127,7 @@ def test_questions_are_answered_as_by_trying_every_quad(every_code, index, seed,
     assert got <= set(zip(*(np.nonzero(off < tolerance + 2e-4)), strict=True))
 
 
+@pytest.mark.long
 def test_corners_are_named_in_the_order_of_the_code(store, index):
     stars = index.stars(np.arange(0, len(index), 37))
     vectors = CatalogRows(store.path).vectors(index.rows(stars).ravel(), epoch_yr=EPOCH_YR).reshape(-1, 4, 3)
@@ -277,6 +278,7 @@ def test_what_a_killed_builder_left_behind_is_removed(store, index, cache):
     assert sorted(one.suffix for one in cache.iterdir()) == [".lock", ".mnq"]
 
 
+@pytest.mark.long
 def test_an_index_of_other_stars_under_the_name_is_built_anew(store, index, cache):
     cache.mkdir()
     own, other = store.header.sections_sha256.encode(), b"0" * 64
@@ -312,6 +314,7 @@ def asked_all(sky):
     sky.around(0, axis, np.array([0.3, 0.3]))
 
 
+@pytest.mark.long
 def test_of_several_that_need_it_one_builds(store, cache):
     told = [[], [], []]
     threads = [

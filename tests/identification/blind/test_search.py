@@ -72,6 +72,7 @@ def is_right(got, one):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("side_deg", FIELDS_DEG)
 def test_a_field_of_any_size_is_found_anywhere_without_a_hint(sky_index, side_deg):
     rng = np.random.default_rng(round(10 * side_deg))
@@ -152,6 +153,7 @@ def test_saturated_stars_may_be_a_pixel_off(sky_index):
         assert is_right(got, one)
 
 
+@pytest.mark.long
 def test_junk_is_found_nowhere(sky_index):
     rng = np.random.default_rng(9)
     for count in (5, 12, 40, 200):

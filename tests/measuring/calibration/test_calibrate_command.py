@@ -76,6 +76,7 @@ def built(folder: Path) -> Done:
     return Done(done.returncode, done.stdout, done.stderr)
 
 
+@pytest.mark.long
 def test_build_tells_what_it_made(folder: Path, built: Done) -> None:
     assert built.returncode == 0, built.stderr
     lines = built.stdout.splitlines()
@@ -128,6 +129,7 @@ def test_apply_writes_calibrated_frames(folder: Path) -> None:
     assert "over itself" in itself.stdout
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [

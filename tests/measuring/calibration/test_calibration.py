@@ -109,6 +109,7 @@ def found(frame: Frame, scene: Scene) -> tuple[NDArray[np.intp], NDArray[np.bool
     return distance.argmin(axis=0), distance.min(axis=0) < 1.0, int((distance.min(axis=1) > 2.0).sum()), seen
 
 
+@pytest.mark.long
 def test_masters_are_as_good_as_their_frames_allow(calibration: Calibration, camera: SyntheticCamera) -> None:
     read_noise = camera.read_noise_e / camera.gain_e_adu
     bias, dark, flat = (master(calibration, kind) for kind in (Kind.BIAS, Kind.DARK, Kind.FLAT))
@@ -295,6 +296,7 @@ def test_without_exposure_no_dark(calibration: Calibration, scene: Scene) -> Non
     assert any("exposure isn't known" in line for line in report.not_applied)
 
 
+@pytest.mark.long
 def test_color_mosaic_is_calibrated_before_it_is_smoothed(tmp_path: Path) -> None:
     camera = SyntheticCamera(colored=True, seed=12)
     take(tmp_path, camera, 5)
@@ -378,6 +380,7 @@ def test_one_frame_of_each_works_and_is_told(tmp_path: Path, camera: SyntheticCa
     assert np.abs(frame.pixels[good] / level - 1.0).max() < 1e-4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("packing", ["fz", "gz", "float"])
 def test_frames_in_other_packings_give_the_same_master(
     tmp_path: Path, camera: SyntheticCamera, packing: str
@@ -492,6 +495,7 @@ def test_healing_follows_smooth_light_and_leaves_clusters_missing(seed: int, ste
     np.testing.assert_array_equal(pixels[~bad], truth[~bad])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fwhm_px", [1.5, 2.5])
 def test_healing_keeps_stars_that_missing_pixels_would_spoil(fwhm_px: float) -> None:
     """2 % of the pixels are bad, some in 3 × 3 clusters: what is lost, by what is done to them."""
@@ -560,6 +564,7 @@ class TestRefusals:
         assert "b7.fits" in text
         assert words is None or words in text
 
+    @pytest.mark.long
     @pytest.mark.parametrize(
         ("cards", "asked"),
         [
@@ -681,6 +686,7 @@ class TestRefusals:
             with pytest.raises(BadRequest):
                 Calibration.load(position)
 
+    @pytest.mark.long
     def test_masters_replaced_while_in_use(self, folder: Path, camera: SyntheticCamera) -> None:
         build(folder / "m", bias=[folder / "b*"])
         calibration = Calibration.load(folder / "m")

@@ -82,6 +82,7 @@ def large_scale(frame: Frame) -> Array:
     return np.asarray(ndimage.median_filter(frame.pixels[::4, ::4].astype(float), 15))
 
 
+@pytest.mark.long
 def test_a_group_gives_the_response_and_even_frames(camera: SyntheticCamera) -> None:
     fields = [Field(camera, seed) for seed in range(1, 6)]
     found = inverse_median([field.frame for field in fields], zero_adu=ZERO_ADU)
@@ -100,6 +101,7 @@ def test_a_group_gives_the_response_and_even_frames(camera: SyntheticCamera) -> 
         assert scatter_after < 0.04
 
 
+@pytest.mark.long
 def test_a_nebula_that_moves_is_neither_eaten_nor_printed_into_the_others(camera: SyntheticCamera) -> None:
     positions = [(200.0, 220.0), (330.0, 150.0), (420.0, 300.0), (250.0, 330.0), (380.0, 240.0)]
     fields = [Field(camera, seed, nebula_at=position) for seed, position in enumerate(positions, start=1)]
@@ -113,6 +115,7 @@ def test_a_nebula_that_moves_is_neither_eaten_nor_printed_into_the_others(camera
     assert nebula.min() > -0.05 * true_peak  # no holes round it
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("group", [1, 4])
 def test_one_field_alone_keeps_its_nebula(camera: SyntheticCamera, group: int) -> None:
     """One frame, or four of the same field: only symmetric vignetting is believed."""
@@ -132,6 +135,7 @@ def test_one_field_alone_keeps_its_nebula(camera: SyntheticCamera, group: int) -
     assert scatter_after < 0.5 * scatter_before
 
 
+@pytest.mark.long
 def test_a_gradient_is_subtracted_not_divided(camera: SyntheticCamera) -> None:
     tilts = (0.0, 0.3, -0.3, 0.15, -0.15)
     fields = [Field(camera, seed, tilt=tilt) for seed, tilt in enumerate(tilts, start=1)]
@@ -144,6 +148,7 @@ def test_a_gradient_is_subtracted_not_divided(camera: SyntheticCamera) -> None:
     assert np.std(large_scale(even.frame)) < 0.1 * np.std(large_scale(tilted.frame))
 
 
+@pytest.mark.long
 def test_without_a_zero_level_nothing_is_divided(camera: SyntheticCamera) -> None:
     field = Field(camera, 1)
     found = inverse_median(field.frame)
@@ -193,6 +198,7 @@ def test_what_can_not_be_evened_is_refused(camera: SyntheticCamera) -> None:
         inverse_median(frame).evened(Frame(pixels=np.asarray(frame.pixels)[:-20]))
 
 
+@pytest.mark.long
 def test_light_frames_make_a_flat(tmp_path: Path, camera: SyntheticCamera) -> None:
     cards = {"IMAGETYP": "Light Frame", "FILTER": "V", "EXPTIME": 60.0}
     for seed in range(1, 5):
@@ -230,6 +236,7 @@ def test_light_frames_of_a_mosaic_make_a_flat(tmp_path: Path, camera: SyntheticC
     assert np.std(large_scale(Frame(pixels=greens))) < 0.02 * np.median(greens)
 
 
+@pytest.mark.long
 def test_real_frames_keep_their_bright_stars(shared: Path) -> None:
     """Some without flats, of which the zero level isn't known: brightest hundred before and after."""
     folder = shared / "data" / "frames"

@@ -42,6 +42,7 @@ def a_field(
     return as_frame(image), x, y, light
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("fwhm_px", "beta"), [(1.6, 0.0), (2.2, 3.0), (3.5, 0.0), (5.5, 3.5)])
 def test_the_brightest_are_found_and_nearly_placed(fwhm_px: float, beta: float) -> None:
     frame, x, y, _ = a_field(fwhm_px=fwhm_px, beta=beta)
@@ -264,6 +265,7 @@ def nothing_like_it() -> dict[str, Frame]:
     }
 
 
+@pytest.mark.long
 def test_the_names_are_those_of_the_strange_ones() -> None:
     assert tuple(nothing_like_it()) == STRANGE
 

@@ -19,6 +19,7 @@ pytestmark = pytest.mark.shared
 NO_STAR = int(Flag.NO_PEAK | Flag.TRAIL | Flag.BLEED)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "rough_px", "fine_px"),
     [
@@ -61,6 +62,7 @@ def test_rendered_stars_are_where_they_are(shared: Path, name: str, rough_px: fl
     assert 0.6 < np.ptp(np.percentile(pull, [16.0, 84.0])) / 2.0 < 1.4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name",
     one_in(

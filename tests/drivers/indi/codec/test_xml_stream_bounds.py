@@ -66,6 +66,7 @@ def every(length: int) -> Iterator[int]:
         yield length
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ATTACKS)
 def test_attacks_mean_the_same_however_they_are_cut_and_a_stop_behind_them_counts(name: str) -> None:
     stream = ATTACKS[name] + STOP + STOP
