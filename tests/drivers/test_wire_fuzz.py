@@ -98,19 +98,19 @@ def test_nothing_wrong_in_3000_exchanges(
 @pytest.mark.first
 @pytest.mark.long
 @pytest.mark.parametrize(("protocol", "dialect"), FAMILIES)
-def test_nothing_wrong_in_100_000_exchanges(
+def test_nothing_wrong_in_30_000_exchanges(
     protocol: str, dialect: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     exchanges, wrong = 0, []
-    # several lives, of bad cables and of everything
-    for seed in range(100, 110):
+    # several lives, of bad cables and of everything; `benchmarks.contradicting_mounts` lives ten, and worse ones
+    for seed in range(100, 103):
         rate, kinds = (0.05, USUAL_KINDS) if seed % 2 else (0.02, EVERYTHING)
         findings, _ = lived(monkeypatch, protocol, dialect, 10_000, seed, rate, kinds)
         monkeypatch.undo()
         exchanges += findings.exchanges
         wrong += [f"seed {seed}: {what}" for what in findings.wrong]
     assert wrong == []
-    assert exchanges >= 100_000
+    assert exchanges >= 30_000
 
 
 CONTRADICTING = [*FAMILIES, ("lx200", "onstep"), ("lx200", "10micron"), ("lx200", "am5")]

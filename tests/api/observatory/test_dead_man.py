@@ -60,7 +60,7 @@ past_meridian_west_deg = 180.0
 [telescope.following]
 on_loss = "{on_loss}"
 """
-_MANY = 20
+_MANY = 6
 """Deaths of the service in the long test."""
 
 
