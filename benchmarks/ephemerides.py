@@ -20,8 +20,8 @@ import numpy as np
 from skyfield.api import EarthSatellite as SkyfieldSatellite
 from skyfield.api import Loader, load_file, wgs84
 
+from mountnav.ephemeris.any_text import read_elements
 from mountnav.ephemeris.elements import OrbitElements, by_mean_anomaly
-from mountnav.ephemeris.elements_text import read_elements
 from mountnav.ephemeris.satellite import EarthSatellite, _teme_to_gcrs
 from mountnav.ephemeris.small_body import SmallBody, _Way
 from mountnav.ephemeris.tle import checksum, read_tle

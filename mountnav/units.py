@@ -1,7 +1,9 @@
 """Units, epochs and constants of nature: one home for each, and how a duration and an angle are written.
 
-All are definitions but the two that name a source; none is a choice, and doubled each makes every place or
-time that is converted by it wrong by that factor. Names read as "so many of these in one of those".
+All are definitions; none is a choice, and doubled each makes every place or time that is converted by it
+wrong by that factor. Names read as "so many of these in one of those". Where both sides of a conversion carry
+their units in their names (``off_arcsec / 3600.0``), the number stands as it is: a name would say it a third
+time.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from api.demo.moving import comet_elements, satellite_lines
 from api.demo.observatory import TELESCOPE
 from mountnav.client import targets
 from mountnav.clock import utc_now
-from mountnav.ephemeris.elements_text import read_elements
+from mountnav.ephemeris.any_text import read_elements
 from mountnav.ephemeris.ephemeris import Ephemeris, sky_rates
 from mountnav.ephemeris.satellite import EarthSatellite
 from mountnav.ephemeris.small_body import SmallBody
@@ -56,6 +56,7 @@ _SAMPLE_S = 0.25
 _SETTLED_S = 8.0
 """The first seconds of following don't count: it has just been caught."""
 _ALTITUDE_DEG = 55.0
+"""How high a target stands as it begins: above haze, below where an alt-az mount turns fast."""
 _AZIMUTHS_DEG = (150.0, 210.0, 110.0, 250.0)
 """Where a target may stand; the one farthest from the Sun is taken. All are in the south, since near the pole
 a mount that points so wrongly is not synced, and then nothing tells a pass how wrong it points."""

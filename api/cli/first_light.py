@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from api.cli.options import LOCAL_SERVICE, Json, Service, ServiceTelescope, Token
+from api.cli.options import TelescopeOptions, takes_options
 from api.cli.output import answering, print_json
 
 LONGEST_S = 900.0
@@ -12,9 +12,8 @@ LONGEST_S = 900.0
 Given up earlier, it goes on in the service, and its words are lost here."""
 
 
-def first_light(
-    telescope: ServiceTelescope, service: Service = LOCAL_SERVICE, token: Token = None, as_json: Json = False
-) -> None:
+@takes_options(TelescopeOptions)
+def first_light(options: TelescopeOptions) -> int:
     """Tell a telescope that was set up by eye where it points, and learn its camera.
 
     It looks, moves a little within its limits, and syncs. Exit code 1 when it couldn't; the words say what to
@@ -22,11 +21,12 @@ def first_light(
     """
     from mountnav.client import Client
 
-    with answering(service), Client(service, token=token) as client:
+    telescope = options.telescope
+    with answering(options.service), Client(options.service, token=options.token) as client:
         job = client.wait(client.first_light(telescope), timeout_s=LONGEST_S)
     done = job["state"] == "succeeded"
     result = job["result"]
-    if as_json:
+    if options.as_json:
         print_json(job, indent=1)
     elif done and result is not None:
         before_deg = result["first"]["offset"]["total_arcsec"] / 3600.0
@@ -39,5 +39,4 @@ def first_light(
     else:
         problem = job["problem"]
         typer.echo(f"{telescope}: {job['state']}: {'' if problem is None else problem}", err=True)
-    if not done:
-        raise typer.Exit(1)
+    return 0 if done else 1

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from api.cli.options import ServiceOptions, takes_options
+from api.cli.options import TelescopeOptions, takes_options
 from api.cli.output import answering, print_json
 
 night_app = typer.Typer(help="The nights of a running service.", no_args_is_help=True)
@@ -21,22 +21,15 @@ hand; with less, an order that was carried out is reported as unanswered."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class NightOptions(ServiceOptions):
-    """Options of what is asked of one telescope's night."""
-
-    telescope: Annotated[str, typer.Argument(help="Id of the telescope.")]
-
-
-@dataclass(frozen=True, kw_only=True)
-class NightOrderOptions(NightOptions):
-    """Options of an order to it."""
+class NightOrderOptions(TelescopeOptions):
+    """Options of an order to a night."""
 
     why: Annotated[str, typer.Option(help="In your words; the journal keeps them.")] = ""
 
 
 @night_app.command()
-@takes_options(NightOptions)
-def status(options: NightOptions) -> None:
+@takes_options(TelescopeOptions)
+def status(options: TelescopeOptions) -> None:
     """Tell the night's phase, what was measured and corrected, and the drift so far."""
     _print_night(options)
 
@@ -69,7 +62,7 @@ def resume(options: NightOrderOptions) -> None:
     _print_night(options, "resume", options.why)
 
 
-def _print_night(options: NightOptions, order: Order | None = None, why: str = "") -> None:
+def _print_night(options: TelescopeOptions, order: Order | None = None, why: str = "") -> None:
     """Give the order, if there is one, and print the night. Raises `ServiceError`, `DeviceMissing`."""
     import httpx
 

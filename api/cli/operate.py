@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["center", "follow", "look", "park", "slew", "status", "stop", "sync", "track", "unpark", "watch"]
 
 _USAGE, _FAILED = 2, 1
+"""Exit codes: what was typed makes no sense; refused, failed or not known."""
 _BAD_SLUGS = frozenset({"bad-request", "not-found"})
 """Problems of what was typed, not of a telescope."""
 

@@ -61,7 +61,6 @@ Catalog = Annotated[
 # a running service, and a telescope of it
 Service = Annotated[str, typer.Option(envvar="MOUNTNAV_SERVICE", help="Address of the service.")]
 Token = Annotated[str | None, typer.Option(envvar="MOUNTNAV_TOKEN", help="API token of the service.")]
-ServiceTelescope = Annotated[str, typer.Argument(help="Id of the telescope.")]
 ChosenTelescope = Annotated[
     str | None,
     typer.Option("--telescope", "-t", help="Which one; needed only where there are several."),
@@ -75,6 +74,13 @@ class ServiceOptions:
     service: Service = LOCAL_SERVICE
     token: Token = None
     as_json: Json = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class TelescopeOptions(ServiceOptions):
+    """Options of a command to a running service about one of its telescopes."""
+
+    telescope: Annotated[str, typer.Argument(help="Id of the telescope.")]
 
 
 _WHERE = ("source", "config", "telescope", "since", "until", "latitude", "longitude")

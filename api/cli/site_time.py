@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import typer
 
-from api.cli.options import LOCAL_SERVICE, Json, Service, ServiceTelescope, Token
+from api.cli.options import TelescopeOptions, takes_options
 from api.cli.output import answering, print_json
 from mountnav.errors import BadSettings
 
@@ -15,21 +16,23 @@ LONGEST_S = 60.0
 of it a slow handset is given up before it is done; the service would go on all the same."""
 
 
-def site_time(
-    telescope: ServiceTelescope,
+@dataclass(frozen=True, kw_only=True)
+class SiteTimeOptions(TelescopeOptions):
+    """Options of `site-time`."""
+
     set_mount: Annotated[
         bool, typer.Option("--set", help="Set the mount's site and clock to those of the service.")
-    ] = False,
+    ] = False
     accept: Annotated[
         bool,
         typer.Option(
             "--accept", help="The difference is meant so: slew all the same. Needs the role configure."
         ),
-    ] = False,
-    service: Service = LOCAL_SERVICE,
-    token: Token = None,
-    as_json: Json = False,
-) -> None:
+    ] = False
+
+
+@takes_options(SiteTimeOptions)
+def site_time(options: SiteTimeOptions) -> int:
     """Tell whether a mount's site and clock agree with the settings; set them, or accept the difference.
 
     Nothing is slewed while they contradict each other. Exit code 1 while they do.
@@ -37,9 +40,10 @@ def site_time(
     from mountnav.client import Client
     from mountnav.client.orders import accept_site_time, set_site_time
 
+    telescope, set_mount, accept = options.telescope, options.set_mount, options.accept
     if set_mount and accept:
         raise BadSettings("--set and --accept were both given", advice="give one of them")
-    with answering(service), Client(service, token=token) as client:
+    with answering(options.service), Client(options.service, token=options.token) as client:
         if set_mount or accept:
             order = set_site_time() if set_mount else accept_site_time()
             job = client.wait(client.order(telescope, order), timeout_s=LONGEST_S)
@@ -47,10 +51,10 @@ def site_time(
                 problem = job["problem"]
                 why = job["state"] if problem is None else problem["detail"] or problem["title"]
                 typer.echo(f"{telescope}: {why}", err=True)
-                raise typer.Exit(1)
+                return 1
         state = client.telescope(telescope)
     contradiction = state["contradiction"]
-    if as_json:
+    if options.as_json:
         print_json(
             {"telescope": telescope, "connected": state["connected"], "contradiction": contradiction},
             indent=1,
@@ -62,5 +66,4 @@ def site_time(
     else:
         typer.echo(f"{telescope}: mount and settings contradict each other: {contradiction}")
         typer.echo("ways out: --set (the mount is wrong), the settings or this machine's clock, --accept")
-    if contradiction is not None or not state["connected"]:
-        raise typer.Exit(1)
+    return 1 if contradiction is not None or not state["connected"] else 0

@@ -192,18 +192,6 @@ def _require_one_on_standard_output(as_json: bool, *named: str | None) -> None:
         raise BadRequest("two kinds of results on the standard output", advice="name a file for one of them")
 
 
-def solve_files(files: list[Path], solver: FileSolver, *, as_json: bool) -> bool:
-    """Solve the files and print each answer at once; whether all were solved."""
-    from api.batch.inputs import FrameFile
-
-    all_solved = True
-    for path in files:
-        outcome = solver.outcome(FrameFile(path))
-        all_solved = all_solved and outcome.solved
-        (_print_json if as_json else _print)(outcome)
-    return all_solved
-
-
 def _print_json(outcome: Outcome) -> None:
     print_json(outcome.answer(), ascii_only=False, compact=True)
     sys.stdout.flush()

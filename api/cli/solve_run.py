@@ -197,14 +197,14 @@ class _Interrupts:
 
     def __init__(self) -> None:
         self._writing = self._came = False
-        self._before: object = None
+        self._before: Any = None
 
     def __enter__(self) -> _Interrupts:
         self._before = signal.signal(signal.SIGINT, self._interrupt)
         return self
 
     def __exit__(self, *fault: object) -> None:
-        signal.signal(signal.SIGINT, self._before)  # type: ignore[arg-type]
+        signal.signal(signal.SIGINT, self._before)
 
     @contextmanager
     def later(self) -> Iterator[None]:

@@ -12,17 +12,15 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from mountnav.ephemeris.any_text import read_elements, read_satellites, read_table
 from mountnav.ephemeris.elements import OrbitElements
-from mountnav.ephemeris.elements_text import read_elements
 from mountnav.ephemeris.ephemeris import Ephemeris, StarLike
 from mountnav.ephemeris.named import ephemeris_of_name, found_of_name
 from mountnav.ephemeris.path import MOST_WAYPOINTS, Path, Waypoint
 from mountnav.ephemeris.rates import MOST_RATE_ARCSEC_S, HorizonRatesTarget, SkyRatesTarget
 from mountnav.ephemeris.satellite import EarthSatellite, SatelliteElements
-from mountnav.ephemeris.satellite_text import read_satellites
 from mountnav.ephemeris.small_body import SmallBody
 from mountnav.ephemeris.table import Table
-from mountnav.ephemeris.table_text import read_table
 from mountnav.errors import BadRequest, LimitKind, OutsideLimits
 from mountnav.sky.chain import apparent_to_icrs, observed_to_icrs
 from mountnav.sky.coordinates import Air, Apparent, Icrs, Observed, Site

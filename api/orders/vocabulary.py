@@ -163,12 +163,9 @@ class SlewOrder(OrderBody):
     at: _At = None
 
 
-class CenterOrder(AngleFields, OrderBody):
-    """Slew, look, correct, and slew again until the target is at the frame's center, or at a point."""
+class CenterFields(AngleFields):
+    """How near to come and by which means; bounds not given are the telescope's settings."""
 
-    moves = True
-    kind: Literal["center"] = "center"
-    target: Target
     tolerance_arcsec: float | None = Field(default=None, gt=0, le=3600)
     max_tries: int | None = Field(default=None, ge=1, le=50)
     timeout_s: float | None = Field(default=None, gt=0, le=7200)
@@ -177,13 +174,28 @@ class CenterOrder(AngleFields, OrderBody):
     at: _At = None
 
 
-class LookOrder(OrderBody):
+class CenterOrder(CenterFields, OrderBody):
+    """Slew, look, correct, and slew again until the target is at the frame's center, or at a point."""
+
+    moves = True
+    kind: Literal["center"] = "center"
+    target: Target
+
+
+class LookFields(Body):
+    """How to look."""
+
+    exposure_s: _Exposure = None
+    persistent: bool = Field(
+        default=False, description="Of a look: try all that is allowed and moves nothing, waiting included"
+    )
+    at: _At = Field(default=None, description="Of a look: tell where this point looks, too")
+
+
+class LookOrder(LookFields, OrderBody):
     """Expose and solve: where it truly points. Moves and syncs nothing."""
 
     kind: Literal["look"] = "look"
-    exposure_s: _Exposure = None
-    persistent: bool = Field(default=False, description="Try all that is allowed and moves nothing")
-    at: _At = Field(default=None, description="Tell where this point looks, too")
 
 
 class SyncOrder(OrderBody):
@@ -199,13 +211,18 @@ class SyncToOrder(OrderBody):
     target: Target
 
 
-class OffsetOrder(OrderBody):
+class OffsetFields(Body):
+    """How far to nudge, on the sky."""
+
+    east_arcsec: float = Field(ge=-36_000, le=36_000)
+    north_arcsec: float = Field(ge=-36_000, le=36_000)
+
+
+class OffsetOrder(OffsetFields, OrderBody):
     """Nudge: slew by so much on the sky, east and north positive."""
 
     moves = True
     kind: Literal["offset"] = "offset"
-    east_arcsec: float = Field(ge=-36_000, le=36_000)
-    north_arcsec: float = Field(ge=-36_000, le=36_000)
 
 
 class FlipOrder(OrderBody):
@@ -390,12 +407,17 @@ class HomeOrder(OrderBody):
     kind: Literal["home"] = "home"
 
 
-class TrackingOrder(OrderBody):
+class TrackingFields(Body):
+    """Whether to follow the sky, and at which rate."""
+
+    on: bool
+    rate: RateWord = "sidereal"
+
+
+class TrackingOrder(TrackingFields, OrderBody):
     """Follow the sky, or rest."""
 
     kind: Literal["tracking"] = "tracking"
-    on: bool
-    rate: RateWord = "sidereal"
 
 
 class GuideOrder(OrderBody):
@@ -406,14 +428,9 @@ class GuideOrder(OrderBody):
     duration_s: float = Field(gt=0, le=LONGEST_PULSE_S)
 
 
-class MoveAxisOrder(OrderBody):
-    """Move an axis on at a speed while somebody holds it; it ends by itself if no further order comes.
+class MoveAxisFields(Body):
+    """Which axis to move on, how fast, and for how long if nothing more is heard."""
 
-    A further one of the same caller prolongs the motion, or changes its speed, in the same job; 0 ends it.
-    """
-
-    moves = True
-    kind: Literal["move-axis"] = "move-axis"
     axis: Literal["primary", "secondary"] = Field(
         description="primary: right ascension, or azimuth; secondary: declination, or altitude"
     )
@@ -438,14 +455,19 @@ class MoveAxisOrder(OrderBody):
     )
 
 
-class OffsetRatesOrder(OrderBody):
-    """Track at rates beside the sidereal one, up to an end: it goes back to a star's by itself then.
+class MoveAxisOrder(MoveAxisFields, OrderBody):
+    """Move an axis on at a speed while somebody holds it; it ends by itself if no further order comes.
 
-    The job ends when the mount has taken them; the rates go on. A further order changes or prolongs them, 0
-    and 0 end them; so do a stop, a slew and a park.
+    A further one of the same caller prolongs the motion, or changes its speed, in the same job; 0 ends it.
     """
 
-    kind: Literal["offset-rates"] = "offset-rates"
+    moves = True
+    kind: Literal["move-axis"] = "move-axis"
+
+
+class OffsetRatesFields(Body):
+    """At which rates to track beside the sidereal one, and until when; 0 and 0 end them."""
+
     ra_arcsec_s: float = Field(
         ge=-_FASTEST_ARCSEC_S,
         le=_FASTEST_ARCSEC_S,
@@ -463,6 +485,16 @@ class OffsetRatesOrder(OrderBody):
         le=LONGEST_RATES_S,
         description="They end by themselves after so many seconds; limits are checked up to then",
     )
+
+
+class OffsetRatesOrder(OffsetRatesFields, OrderBody):
+    """Track at rates beside the sidereal one, up to an end: it goes back to a star's by itself then.
+
+    The job ends when the mount has taken them; the rates go on. A further order changes or prolongs them, 0
+    and 0 end them; so do a stop, a slew and a park.
+    """
+
+    kind: Literal["offset-rates"] = "offset-rates"
 
 
 class TrustOrder(OrderBody):
@@ -651,44 +683,13 @@ LongerOrder = SolveOrder | SeriesOrder | HoldOrder | DitherOrder | ModelRunOrder
 Order = Annotated[NavigatorOrder | LongerOrder | MoveAxisOrder, Field(discriminator="kind")]
 """Any order; the one list of them."""
 
-OrderKind = Literal[
-    "slew",
-    "center",
-    "look",
-    "sync",
-    "sync-to",
-    "offset",
-    "flip",
-    "follow",
-    "forget-rates",
-    "park",
-    "unpark",
-    "set-park",
-    "home",
-    "tracking",
-    "guide",
-    "offset-rates",
-    "trust",
-    "set-site-time",
-    "accept-site-time",
-    "recover",
-    "first-light",
-    "rotate",
-    "spiral-search",
-    "solve",
-    "series",
-    "hold",
-    "dither",
-    "model-run",
-    "mosaic",
-    "move-axis",
-]
-"""The kinds once more, for type checkers; a test holds them against `KINDS`."""
-
 KINDS: dict[str, type[OrderBody]] = {
     body.model_fields["kind"].default: body for body in get_args(get_args(Order)[0])
 }
 """Each kind of order, and so of job, with its body: the members of `Order`."""
+
+OrderKind = Annotated[str, Field(json_schema_extra={"enum": list(KINDS)})]
+"""A kind where it is shown."""
 
 MOVING = frozenset(kind for kind, body in KINDS.items() if body.moves)
 """Kinds of orders that slew the mount."""
@@ -776,14 +777,8 @@ class SlewBody(ShortBody):
         return {**dict(self), "target": self.place}
 
 
-class CenterBody(AngleFields, SlewBody):
+class CenterBody(CenterFields, SlewBody):
     """What to center; bounds not given are the telescope's settings."""
-
-    tolerance_arcsec: float | None = Field(default=None, gt=0, le=3600)
-    max_tries: int | None = Field(default=None, ge=1, le=50)
-    timeout_s: float | None = Field(default=None, gt=0, le=7200)
-    correct_by: Literal["sync", "offset", "model"] | None = None
-    planned_s: _Planned = None
 
 
 class FlipBody(SlewBody):
@@ -808,73 +803,24 @@ class SearchBody(SearchFields, SlewBody):
     """Round which place to search, and how far."""
 
 
-class OffsetBody(ShortBody):
+class OffsetBody(OffsetFields, ShortBody):
     """How far to nudge, on the sky."""
 
-    east_arcsec: float = Field(ge=-36_000, le=36_000)
-    north_arcsec: float = Field(ge=-36_000, le=36_000)
 
-
-class TrackingBody(ShortBody):
+class TrackingBody(TrackingFields, ShortBody):
     """Whether to follow the sky, and at which rate."""
 
-    on: bool
-    rate: RateWord = "sidereal"
 
-
-class MoveAxisBody(ShortBody):
+class MoveAxisBody(MoveAxisFields, ShortBody):
     """Which axis to move on, how fast, and for how long if nothing more is heard."""
 
-    axis: Literal["primary", "secondary"] = Field(
-        description="primary: right ascension, or azimuth; secondary: declination, or altitude"
-    )
-    rate_deg_s: float = Field(
-        ge=-_FASTEST_DEG_S,
-        le=_FASTEST_DEG_S,
-        description="Degrees per second, on top of tracking; 0 ends it",
-    )
-    for_s: float = Field(
-        default=_USUAL_HELD_S,
-        gt=0,
-        le=LONGEST_HELD_S,
-        description="It ends by itself after so many seconds, if no further order prolongs it",
-    )
-    job_id: str | None = Field(
-        default=None,
-        min_length=1,
-        max_length=64,
-        description="Goes into this job alone, the one that the first order of a motion began: refused once "
-        "that has ended, so that an order that comes late moves nothing",
-    )
 
-
-class OffsetRatesBody(ShortBody):
+class OffsetRatesBody(OffsetRatesFields, ShortBody):
     """At which rates to track beside the sidereal one, and until when; 0 and 0 end them."""
 
-    ra_arcsec_s: float = Field(
-        ge=-_FASTEST_ARCSEC_S,
-        le=_FASTEST_ARCSEC_S,
-        description="Change of the right ascension, not times cos(dec); positive to the east",
-    )
-    dec_arcsec_s: float = Field(
-        ge=-_FASTEST_ARCSEC_S, le=_FASTEST_ARCSEC_S, description="Of the declination; positive to the north"
-    )
-    for_s: float = Field(
-        default=_USUAL_RATES_S,
-        gt=0,
-        le=LONGEST_RATES_S,
-        description="They end by themselves after so many seconds; limits are checked up to then",
-    )
 
-
-class LookBody(ShortBody):
+class LookBody(LookFields, ShortBody):
     """How to look."""
-
-    exposure_s: _Exposure = None
-    persistent: bool = Field(
-        default=False, description="Look: try all that is allowed and moves nothing, waiting included"
-    )
-    at: _At = Field(default=None, description="Look: tell where this point looks, too")
 
 
 def _example(summary: str, **value: Any) -> dict[str, Any]:

@@ -78,13 +78,12 @@ the whole field, and people round. chosen by hand; doubled, nothing that is foun
 _FILM_WIDTH_MM = 36.0
 """Width of a frame of 35-mm film."""
 _LEADING_NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-_UNITS = {
+Unit = Literal["degrees", "arcminutes", "arcsec", "film"]
+_UNITS: dict[str, Unit] = {
     "degwidth": "degrees", "degw": "degrees", "dw": "degrees",
     "arcminwidth": "arcminutes", "amw": "arcminutes", "aw": "arcminutes",
     "arcsecperpix": "arcsec", "app": "arcsec", "focalmm": "film",
 }  # fmt: skip
-
-Unit = Literal["degrees", "arcminutes", "arcsec", "film"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +184,7 @@ def options_wanted(arguments: list[str]) -> tuple[Parted, Wanted]:
         radius_deg=None if radius is None or center is None else _radius_deg(radius),
         scale_low=low,
         scale_high=high,
-        unit=unit,  # type: ignore[arg-type]
+        unit=unit,
         parity={"pos": 1, "neg": -1}.get(parity or "", 0),
         header_hints=asked.given("guess-scale"),
         cpu_limit_s=_positive(asked.last("cpulimit")),

@@ -103,7 +103,8 @@ class Motions:
             # it is not watched any more: a mount that may be moving must not go on
             with contextlib.suppress(DeviceError):
                 await session.language.send_stop(0)
-            if not asyncio.current_task().cancelling():  # type: ignore[union-attr]
+            task = asyncio.current_task()
+            if task is None or not task.cancelling():
                 # raise what closed the line rather than that it is closed
                 self._require_link(links)
             raise

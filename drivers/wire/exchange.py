@@ -150,7 +150,9 @@ class Exchange:
             await self._line.write(command.sent)
             if not command.answered:
                 self._owing = owed
-                return command.read(b"", True).value  # type: ignore[union-attr]
+                nothing = command.read(b"", True)
+                assert nothing is not None  # what isn't answered is read from nothing
+                return nothing.value
             try:
                 value = await self._answer(command, until, owed)
             except (DeviceSilent, DeviceGarbled) as failure:

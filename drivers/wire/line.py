@@ -211,7 +211,44 @@ def existing_ports() -> list[str]:
     return stable + sorted(port.device for port in list_ports.comports())
 
 
-class SerialLine:
+class _ReadAhead:
+    """The reading half of a line: what its own thread or protocol puts into `Incoming` as it comes."""
+
+    def __init__(self, address: str, advice: Callable[[], str], log: WireLog | None) -> None:
+        self._address = address
+        self._log = log or WireLog(kept=1)
+        self._incoming = Incoming(address, advice, self._log)
+
+    @property
+    def address(self) -> str:
+        """Where it leads: a device path, or a URL."""
+        return self._address
+
+    @property
+    def usable(self) -> bool:
+        """Whether it is open and not lost."""
+        return self._incoming.usable
+
+    async def read(self, timeout_s: float) -> bytes:
+        """Return what has come, waiting up to `timeout_s` for the first of it; empty when none came.
+
+        Raises
+        ------
+        DeviceMissing
+            If the line is not open or was lost, and nothing is left to read.
+        """
+        return await self._incoming.read(timeout_s)
+
+    def drain(self) -> bytes:
+        """Drop what has come so far, and return it."""
+        return self._incoming.drain()
+
+    async def lost(self) -> str:
+        """Wait until the open line is lost, and return why."""
+        return await self._incoming.lost()
+
+
+class SerialLine(_ReadAhead):
     """A `ByteLine` over pyserial: a serial port, a pseudo-terminal, or ``socket://host:port``.
 
     Parameters
@@ -234,28 +271,16 @@ class SerialLine:
         log: WireLog | None = None,
         control: ControlLines | None = None,
     ) -> None:
-        self._address = address
+        super().__init__(address, self._advice, log)
         self._baud = baud
         self._control = control or ControlLines()
-        self._log = log or WireLog(kept=1)
         self._port: serial.Serial | None = None
         self._threads: list[ThreadPoolExecutor] = []
         self._reading: threading.Thread | None = None
         self._closing = threading.Event()
         self._writing = threading.Lock()
-        self._incoming = Incoming(address, self._advice, self._log)
         self._changing = asyncio.Lock()
         """Held while the line is opened or closed: a port that is just being closed is still locked."""
-
-    @property
-    def address(self) -> str:
-        """Device path or URL."""
-        return self._address
-
-    @property
-    def usable(self) -> bool:
-        """Whether it is open and not lost."""
-        return self._incoming.usable
 
     async def open(self) -> None:
         """Open the port, exclusively where that is possible.
@@ -375,28 +400,10 @@ class SerialLine:
             self._log.note("driver->mount", data)
             port.write(data)
 
-    async def read(self, timeout_s: float) -> bytes:
-        """Return what has come, waiting up to `timeout_s` for the first byte; empty when none came.
-
-        Raises
-        ------
-        DeviceMissing
-            If the line is not open or was lost, and nothing is left to read.
-        """
-        return await self._incoming.read(timeout_s)
-
-    def drain(self) -> bytes:
-        """Drop what has come so far, and return it."""
-        return self._incoming.drain()
-
     def _usable_port(self) -> serial.Serial:
         self._incoming.require()
         assert self._port is not None
         return self._port
-
-    async def lost(self) -> str:
-        """Wait until the open line is lost, and return why."""
-        return await self._incoming.lost()
 
     def _listen(self, port: serial.Serial, loop: asyncio.AbstractEventLoop, closing: threading.Event) -> None:
         """Hand all bytes to the event loop, until closing or loss; runs in the reading thread."""
@@ -436,7 +443,7 @@ class _Datagrams(asyncio.DatagramProtocol):
             self._line.lose(str(exc))
 
 
-class UdpLine:
+class UdpLine(_ReadAhead):
     """A `ByteLine` over UDP, for the Wi-Fi adapters of Sky-Watcher mounts: one datagram a command.
 
     Parameters
@@ -448,21 +455,10 @@ class UdpLine:
     """
 
     def __init__(self, host: str, port: int, *, log: WireLog | None = None) -> None:
+        address = f"udp://[{host}]:{port}" if ":" in host else f"udp://{host}:{port}"
+        super().__init__(address, lambda: _UDP_ADVICE, log)
         self._host, self._port = host, port
-        self._log = log or WireLog(kept=1)
         self._transport: asyncio.DatagramTransport | None = None
-        self._incoming = Incoming(self.address, lambda: _UDP_ADVICE, self._log)
-
-    @property
-    def address(self) -> str:
-        """``udp://host:port``."""
-        host = f"[{self._host}]" if ":" in self._host else self._host
-        return f"udp://{host}:{self._port}"
-
-    @property
-    def usable(self) -> bool:
-        """Whether it is open and not lost."""
-        return self._incoming.usable
 
     async def open(self) -> None:
         """Open a socket; whether anything listens at the other end shows at the first question.
@@ -508,24 +504,6 @@ class UdpLine:
     async def write_now(self, data: bytes) -> None:
         """Send one datagram; datagrams never wait for each other."""
         await self.write(data)
-
-    async def read(self, timeout_s: float) -> bytes:
-        """Return what has come, waiting up to `timeout_s` for the first datagram; empty when none came.
-
-        Raises
-        ------
-        DeviceMissing
-            If the line is not open or was lost, and nothing is left to read.
-        """
-        return await self._incoming.read(timeout_s)
-
-    def drain(self) -> bytes:
-        """Drop what has come so far, and return it."""
-        return self._incoming.drain()
-
-    async def lost(self) -> str:
-        """Wait until the open line is lost, and return why."""
-        return await self._incoming.lost()
 
     def take(self, data: bytes) -> None:
         """Take a datagram that came; called by the socket."""

@@ -109,23 +109,6 @@ def density_deg2(ra_deg: ArrayLike, dec_deg: ArrayLike, mag: ArrayLike) -> Array
     return _density(l_deg, np.abs(b_deg), np.clip(mag, BRIGHTEST_MAG, FAINTEST_MODELED_MAG))
 
 
-def counts_by_bin(ra_deg: float, dec_deg: float, edges_mag: ArrayLike) -> Array:
-    """Stars per square degree between neighboring magnitudes.
-
-    Parameters
-    ----------
-    ra_deg, dec_deg : float
-        ICRS.
-    edges_mag : array_like, shape (n + 1,)
-        Rising V magnitudes.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-    """
-    return np.diff(density_deg2(ra_deg, dec_deg, edges_mag))
-
-
 def mag_reaching(ra_deg: ArrayLike, dec_deg: ArrayLike, stars_deg2: ArrayLike) -> Array:
     """Magnitude down to which there are so many stars per square degree.
 

@@ -1,17 +1,27 @@
-"""An ephemeris of whatever a text holds: a satellite, orbital elements, or a table."""
+"""Texts that hold an ephemeris, in any form that is read: what each is, is seen from the text.
+
+Three kinds: elements of a satellite, orbital elements, tables of places by time.
+"""
 
 from __future__ import annotations
 
-from mountnav.ephemeris.elements_text import read_elements
+import json
+from typing import Any
+
+from mountnav.ephemeris.csv_table import looks_like_csv, read_csv_table
+from mountnav.ephemeris.elements import OrbitElements
 from mountnav.ephemeris.ephemeris import Ephemeris
-from mountnav.ephemeris.omm import looks_like_omm
-from mountnav.ephemeris.satellite import EarthSatellite
-from mountnav.ephemeris.satellite_text import read_satellites
+from mountnav.ephemeris.horizons import looks_like_horizons, read_horizons
+from mountnav.ephemeris.mpc import read_mpc_json, read_mpc_lines
+from mountnav.ephemeris.mpes import looks_like_mpes, read_mpes
+from mountnav.ephemeris.omm import looks_like_omm, read_omm
+from mountnav.ephemeris.satellite import EarthSatellite, SatelliteElements
+from mountnav.ephemeris.sbdb import looks_like_sbdb, read_sbdb
 from mountnav.ephemeris.small_body import SmallBody
-from mountnav.ephemeris.table import Observer
-from mountnav.ephemeris.table_text import looks_like_table, read_table
-from mountnav.ephemeris.tle import looks_like_tle
+from mountnav.ephemeris.table import Observer, Table
+from mountnav.ephemeris.tle import looks_like_tle, read_tle
 from mountnav.errors import BadRequest
+from mountnav.parsing import json_of
 
 
 def ephemeris_of_text(text: str, *, made_for: Observer | None = None) -> Ephemeris:
@@ -46,3 +56,96 @@ def _require_one(count: int) -> None:
             f"these are elements of {count} objects; one is wanted",
             advice="import the file, and ask by name: mountnav ephemeris import FILE",
         )
+
+
+def read_satellites(text: str) -> tuple[SatelliteElements, ...]:
+    """Two-line elements (with names or without), or orbit mean-elements messages (XML, JSON, KVN, CSV).
+
+    Raises
+    ------
+    BadRequest
+        It is none of these, or something in it is wrong.
+    """
+    if looks_like_omm(text):
+        return read_omm(text)
+    if looks_like_tle(text):
+        return read_tle(text)
+    raise BadRequest(
+        "these are no elements of an Earth satellite that are read here",
+        advice="two-line elements with their checksums are, and OMM as XML, JSON, KVN or CSV",
+    )
+
+
+def read_elements(text: str) -> tuple[OrbitElements, ...]:
+    """Elements of minor planets and comets.
+
+    Parameters
+    ----------
+    text : str
+        Lines of MPCORB.DAT or CometEls.txt, JSON of the MPC (a record, or a list of them), or an answer of
+        JPL's SBDB.
+
+    Raises
+    ------
+    BadRequest
+        It is none of these, or something in it is wrong.
+    """
+    if text.lstrip()[:1] in ("{", "["):
+        try:
+            found = json_of(text)
+        except json.JSONDecodeError as wrong:
+            raise BadRequest(f"the JSON is broken at line {wrong.lineno}: {wrong.msg}") from wrong
+        return tuple(_of_json(found))
+    found_lines = tuple(read_mpc_lines(text.splitlines()))
+    if not found_lines:
+        raise BadRequest("there are no orbital elements in it")
+    return found_lines
+
+
+def _of_json(found: Any) -> list[OrbitElements]:
+    if isinstance(found, dict) and looks_like_sbdb(found):
+        return [read_sbdb(found)]
+    if isinstance(found, dict) and isinstance(found.get("mpc_orb"), dict):
+        found = found["mpc_orb"]
+    records = found if isinstance(found, list) else [found]
+    made = []
+    for number, record in enumerate(records, 1):
+        if not isinstance(record, dict):
+            raise BadRequest(f"record {number} is no JSON object")
+        inner = record.get("mpc_orb")
+        made.append(read_mpc_json(inner if isinstance(inner, dict) else record, f"record {number}"))
+    if not made:
+        raise BadRequest("there are no orbital elements in it")
+    return made
+
+
+def looks_like_table(text: str) -> bool:
+    """Whether a text is a table of one of the kinds that `read_table` reads."""
+    return looks_like_horizons(text) or looks_like_mpes(text) or looks_like_csv(text)
+
+
+def read_table(text: str, *, made_for: Observer | None = None) -> Table:
+    """Read a table of JPL's Horizons, of the MPC's ephemeris service, or a plain one (CSV).
+
+    Parameters
+    ----------
+    text : str
+    made_for : Observer, optional
+        For pages of the MPC alone, which don't tell their observer's coordinates.
+
+    Raises
+    ------
+    BadRequest
+        It is none of these, or something in it is wrong or ambiguous.
+    """
+    if looks_like_horizons(text):
+        return read_horizons(text)
+    if looks_like_mpes(text):
+        return read_mpes(text, made_for=made_for)
+    if looks_like_csv(text):
+        return read_csv_table(text)
+    raise BadRequest(
+        "this is no ephemeris table that is read here",
+        advice="observer tables of Horizons (text or CSV), pages of the MPC's ephemeris service, "
+        "and plain CSV are: docs/explanation/moving-targets.md",
+    )

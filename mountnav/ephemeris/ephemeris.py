@@ -1,12 +1,13 @@
-"""What an ephemeris answers, whatever it is made from; and how fast its target moves."""
+"""What an ephemeris answers within its span, whatever it is made from; and how fast its target moves."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Protocol, runtime_checkable
 
+from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.sky.sphere import half_turn_deg, separation_arcsec
 
@@ -115,3 +116,45 @@ def sky_rates(target: Ephemeris, utc: datetime, site: Site) -> SkyRates:
         (after.dec_deg - before.dec_deg) * 3600.0 / seconds,
         separation_arcsec(before, after) / seconds,
     )
+
+
+def require_within(
+    name: str, utc: datetime, begins: datetime | None, ends: datetime | None, why: str = ""
+) -> None:
+    """Refuse an instant outside of a span.
+
+    Parameters
+    ----------
+    name : str
+        Of the target.
+    utc : datetime
+        Aware.
+    begins, ends : datetime or None
+        None: any time.
+    why : str
+        What makes the span, for the message.
+
+    Raises
+    ------
+    BadRequest
+        It is naive, or outside.
+    """
+    require_aware(utc)
+    if begins is not None and utc < begins:
+        raise BadRequest(f"{name} begins at {told(begins)}{why}, and {told(utc)} is before that")
+    if ends is not None and utc > ends:
+        raise BadRequest(f"{name} ends at {told(ends)}{why}, and {told(utc)} is after that")
+
+
+def require_aware(utc: datetime) -> None:
+    """Refuse an instant that doesn't say its time zone. Raises BadRequest."""
+    if utc.utcoffset() is None:
+        raise BadRequest(
+            f"the instant {utc.isoformat()} doesn't say its time zone",
+            advice="give UTC, for example 2026-11-21T22:00:00Z",
+        )
+
+
+def told(utc: datetime) -> str:
+    """An instant for messages: UTC to the second."""
+    return f"{utc.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC"

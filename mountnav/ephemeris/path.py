@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.ephemeris.span import require_within
+from mountnav.ephemeris.ephemeris import require_within
 from mountnav.errors import BadRequest
 from mountnav.sky.chain import observed_to_icrs
 from mountnav.sky.coordinates import Air, Icrs, Observed, Site

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
-from mountnav.ephemeris.span import require_within, told
+from mountnav.ephemeris.ephemeris import require_within, told
 from mountnav.errors import BadRequest
 from mountnav.sky.chain import observed_to_icrs
 from mountnav.sky.coordinates import Air, Icrs, Observed, Site

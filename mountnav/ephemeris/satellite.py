@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sgp4.api import SGP4_ERRORS, WGS72, Satrec
 
-from mountnav.ephemeris.span import require_within
+from mountnav.ephemeris.ephemeris import require_within
 from mountnav.errors import BadRequest
 from mountnav.sky.chain import slow_parts
 from mountnav.sky.coordinates import Icrs, Site
@@ -122,11 +122,6 @@ class SatelliteElements:
                 )
         if not 0 <= self.norad_id < 1_000_000_000:
             raise BadRequest(f"{self.name}: {self.norad_id} is no catalog number")
-
-    @property
-    def low_orbit(self) -> bool:
-        """Whether drag counts: below SGP4's border of deep space."""
-        return 1440.0 / self.mean_motion_rev_day < _MOST_PERIOD_MIN
 
     @property
     def semi_major_km(self) -> float:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.ephemeris.elements import GM_SUN_AU3_DAY2, Covariance, OrbitElements, two_body
-from mountnav.ephemeris.span import require_aware, require_within
+from mountnav.ephemeris.ephemeris import require_aware, require_within
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.sky.kernel import barycentric_state_km, span_jd

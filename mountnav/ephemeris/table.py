@@ -18,7 +18,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.ephemeris.span import require_within
+from mountnav.ephemeris.ephemeris import require_within
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Icrs, Site
 from mountnav.sky.observer import direction, earth_barycentric_km, site_geocentric_km
@@ -249,8 +249,3 @@ def _lagrange(times_s: Sequence[float], vectors: Sequence[Vector], at_s: float) 
                 weight *= (at_s - other_s) / (time_s - other_s)
         total = total + vector * weight
     return total
-
-
-def span_told(rows: Sequence[TableRow]) -> timedelta:
-    """From the first to the last row."""
-    return rows[-1].utc - rows[0].utc

@@ -27,6 +27,7 @@ AGREE_ARCSEC = 3.0
 """So near (and by three sigma) two looks that were gated one after the other must be to be believed: then the
 telescope has moved, and the looks are right."""
 _AGREE_SIGMAS = 3.0
+"""And by so many sigma of both. Doubled, a bad pair of looks is followed more often."""
 FAR_ARCSEC = 3600.0
 """A look farther off than this is not of this field, or the mount is lost: it is never followed."""
 

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from sqlalchemy import URL, Connection, delete, insert, or_, select, update
+from sqlalchemy import URL, Connection, Executable, delete, insert, or_, select, update
 
 from mountnav.clock import utc_now
 from mountnav.errors import JournalDamaged, JournalFailed
@@ -405,8 +405,8 @@ class SqlJournal:
         _run(connection, update(run).where(run.c.run_id == self.run_id).values(pid=os.getpid()))
 
 
-def _run(connection: Connection, statement: object) -> None:
-    connection.execute(statement)  # type: ignore[call-overload]
+def _run(connection: Connection, statement: Executable) -> None:
+    connection.execute(statement)
 
 
 def _teller(

@@ -61,10 +61,10 @@ def read(image: Image, *, hdu: int | str | None = None) -> Frame:
     return frame_from_array(np.asanyarray(image))
 
 
-def _first_image(hdus: list[Any], hdu: int | str | None) -> WithHeader:
+def _first_image(hdus: Any, hdu: int | str | None) -> WithHeader:
     """Of an HDUList: the one that was asked for, else the first with pixels in two dimensions or more."""
     if hdu is not None:
-        found: WithHeader = hdus[hdu]  # type: ignore[index]  # an HDUList takes names as well
+        found: WithHeader = hdus[hdu]  # an HDUList takes names as well
         return found
     for one in hdus:
         if one.header.get("NAXIS", 0) >= 2 and one.data is not None:

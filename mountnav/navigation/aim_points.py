@@ -38,7 +38,6 @@ __all__ = [
     "Unreachable",
     "arm_by_camera",
     "arm_seen",
-    "at_pixel",
     "axis_for",
     "by_name",
     "frame_size_of",
@@ -398,8 +397,3 @@ def middle_for(
         math.cos(middle) * math.cos(length) - math.sin(middle) * math.sin(length) * math.cos(angle),
     )
     return longitude_deg - math.degrees(eastward), math.degrees(middle)
-
-
-def at_pixel(x_px: float, y_px: float) -> PixelPoint:
-    """A point that an order names by its pixel, in the frames as they are."""
-    return PixelPoint("", x_px, y_px)

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from statistics import median
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -144,19 +144,19 @@ def axis_angle_deg(
     return turn_deg(angle_deg), max(0.0, math.cos(math.radians(latitude_deg)))
 
 
-def _transported(
-    at: HourAngle | Observed, north: HourAngle | Observed, there: HourAngle | Observed, rotation_deg: float
-) -> float:
+_Seen = TypeVar("_Seen", HourAngle, Observed)
+
+
+def _transported(at: _Seen, north: _Seen, there: _Seen, rotation_deg: float) -> float:
     """The angle at `at`, counted from this frame's north, carried along the great circle to `there`."""
-    assert type(at) is type(north) is type(there)
     # azimuths grow the other way round on the sky than position angles
     sense = -1.0 if isinstance(at, Observed) else 1.0
-    angle_deg = rotation_deg + sense * position_angle_deg(at, north)  # type: ignore[type-var]
-    apart_arcsec = separation_arcsec(at, there)  # type: ignore[type-var]
+    angle_deg = rotation_deg + sense * position_angle_deg(at, north)
+    apart_arcsec = separation_arcsec(at, there)
     if not 0.01 < apart_arcsec < _TRANSPORTED_DEG * 3600.0:
         return angle_deg
-    leaves = position_angle_deg(at, there)  # type: ignore[type-var]
-    arrives = position_angle_deg(there, at) + 180.0  # type: ignore[type-var]
+    leaves = position_angle_deg(at, there)
+    arrives = position_angle_deg(there, at) + 180.0
     return angle_deg + sense * half_turn_deg(arrives - leaves)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime
+from typing import Any
 
 from mountnav.devices import for_mount, from_mount
 from mountnav.ephemeris import Ephemeris
@@ -415,7 +416,7 @@ class Navigator(MountOrders):
             There is no such point, or it isn't within the frame.
         OutsideLimits, SolveFailed, OffsetTooLarge, SyncRefused, MountMoved, DeviceError, JournalFailed
         """
-        given = {
+        given: dict[str, Any] = {
             "tolerance_arcsec": tolerance_arcsec,
             "max_tries": max_tries,
             "timeout_s": timeout_s,
@@ -424,7 +425,7 @@ class Navigator(MountOrders):
         point = self.point(at)
         if angle is not None:
             require_angle(angle)
-        policy = replace(self.policy, **{name: value for name, value in given.items() if value is not None})  # type: ignore[arg-type]
+        policy = replace(self.policy, **{name: value for name, value in given.items() if value is not None})
         async with self.work("centering"):
             self._field = None
             report = await self._centered(target, policy, point, angle, planned_s, key)

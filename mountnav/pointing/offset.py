@@ -8,38 +8,11 @@ from __future__ import annotations
 from mountnav.errors import BadSettings, OffsetTooLarge, SyncRefused
 from mountnav.sky.sphere import Offset
 
-_ADVICE = (
-    "check the mount's alignment, date, time zone, longitude and epoch; "
-    "if it is really that far off, order a recovery, or align it roughly by hand"
-)
-
 
 class TooFarToSync(SyncRefused, OffsetTooLarge):
     """A sync refused above all for its size: nothing was sent."""
 
     slug: str = "offset-too-large"
-
-
-def check_offset(offset: Offset, max_arcsec: float) -> None:
-    """Refuse an offset longer than the mount can plausibly be wrong.
-
-    Parameters
-    ----------
-    offset : Offset
-        Seen minus believed.
-    max_arcsec : float
-        Longest offset that is believed; that length itself still is.
-
-    Raises
-    ------
-    OffsetTooLarge
-        The offset is longer, or no number.
-    BadSettings
-        `max_arcsec` is not positive.
-    """
-    words = too_far(offset, max_arcsec)
-    if words is not None:
-        raise OffsetTooLarge(words, advice=_ADVICE)
 
 
 def too_far(offset: Offset, max_arcsec: float) -> str | None:

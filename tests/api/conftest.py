@@ -12,16 +12,11 @@ from fastapi import FastAPI
 
 from api.http.app import create_app
 from mountnav.settings.observatory import Settings
+from tests.settings_text import SERVICE_AND_SITE
 
-OBSERVATORY = """
-[service]
-port = 0
-[solving]
-worker = false
-blind = "never"
-[site]
-latitude_deg = 47.0
-longitude_deg = 11.0
+OBSERVATORY = (
+    SERVICE_AND_SITE
+    + """
 [[telescope]]
 id = "east"
 exposure_s = 0.5
@@ -44,6 +39,7 @@ id = "gone"
 mount = { url = "lx200+serial:///dev/there-is-no-such-port" }
 camera = { kind = "folder", path = "/" }
 """
+)
 
 
 @pytest.fixture(autouse=True)

@@ -24,18 +24,13 @@ from mountnav.sky.chain import icrs_to_observed, observed_to_icrs
 from mountnav.sky.coordinates import Icrs, Observed
 from mountnav.sky.sphere import displaced
 from mountnav.units import julian_year
+from tests.settings_text import SERVICE_AND_SITE
 
 _FAR_ARCSEC = 5.0 * 3600.0
 
-TOML = """
-[service]
-port = 0
-[solving]
-worker = false
-blind = "never"
-[site]
-latitude_deg = 47.0
-longitude_deg = 11.0
+TOML = (
+    SERVICE_AND_SITE
+    + """
 [[telescope]]
 id = "east"
 exposure_s = 0.5
@@ -73,6 +68,7 @@ width_px = 1200
 height_px = 900
 scale_arcsec_px = 4.0
 """
+)
 
 
 @dataclass

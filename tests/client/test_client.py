@@ -35,19 +35,14 @@ from mountnav.client.sending import Known, Pause, Send, sending
 from mountnav.client.stream import EventReader
 from mountnav.settings.observatory import Settings
 from mountnav.sky.coordinates import Air, Site
+from tests.settings_text import SERVICE_AND_SITE
 
 DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLE = DOCS / "examples" / "ten_targets.py"
 DESCRIPTION = DOCS / "openapi.json"
-TOML = """
-[service]
-port = 0
-[solving]
-worker = false
-blind = "never"
-[site]
-latitude_deg = 47.0
-longitude_deg = 11.0
+TOML = (
+    SERVICE_AND_SITE
+    + """
 [[telescope]]
 id = "east"
 exposure_s = 0.1
@@ -66,6 +61,7 @@ settle_s = 0.0
 [telescope.limits]
 sun_cone_deg = 0.0
 """
+)
 
 
 @dataclass

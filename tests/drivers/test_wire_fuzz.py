@@ -102,7 +102,7 @@ def test_nothing_wrong_in_30_000_exchanges(
     protocol: str, dialect: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     exchanges, wrong = 0, []
-    # several lives, of bad cables and of everything; `benchmarks.contradicting_mounts` lives ten, and worse ones
+    # several lives, of bad cables and of everything; `benchmarks.contradicting_mounts` lives ten worse ones
     for seed in range(100, 103):
         rate, kinds = (0.05, USUAL_KINDS) if seed % 2 else (0.02, EVERYTHING)
         findings, _ = lived(monkeypatch, protocol, dialect, 10_000, seed, rate, kinds)

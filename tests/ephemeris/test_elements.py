@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from mountnav.ephemeris.any_text import read_elements
 from mountnav.ephemeris.elements import (
     GM_SUN_AU3_DAY2,
     OrbitElements,
@@ -19,7 +20,6 @@ from mountnav.ephemeris.elements import (
     by_mean_anomaly,
     two_body,
 )
-from mountnav.ephemeris.elements_text import read_elements
 from mountnav.ephemeris.horizons import read_horizons
 from mountnav.ephemeris.mpes import read_mpes
 from mountnav.ephemeris.small_body import SmallBody, _Way

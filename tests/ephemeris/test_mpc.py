@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mountnav.ephemeris.elements_text import read_elements
+from mountnav.ephemeris.any_text import read_elements
 from mountnav.ephemeris.mpc import packed_epoch_jd, read_mpc_lines, unpacked
 from mountnav.errors import BadRequest
 from tests.ephemeris.samples import CERES_2023, HALLEY, HOWELL, PALLAS_2024

@@ -19,8 +19,8 @@ from skyfield.api import EarthSatellite as SkyfieldSatellite
 from skyfield.api import Loader, wgs84
 
 from mountnav.ephemeris import EarthSatellite, SatelliteElements, sky_rates
+from mountnav.ephemeris.any_text import read_satellites
 from mountnav.ephemeris.satellite import MOST_AGE_DAYS, _teme_to_gcrs
-from mountnav.ephemeris.satellite_text import read_satellites
 from mountnav.ephemeris.tle import checksum, read_tle
 from mountnav.errors import BadRequest
 from mountnav.sky.chain import icrs_to_observed

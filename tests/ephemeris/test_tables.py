@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from mountnav.ephemeris import SolarSystemBody
 from mountnav.ephemeris.angles_text import dec_of, in_utc, ra_of
+from mountnav.ephemeris.any_text import read_table
 from mountnav.ephemeris.csv_table import read_csv_table
 from mountnav.ephemeris.horizons import read_horizons
 from mountnav.ephemeris.mpes import read_mpes
 from mountnav.ephemeris.table import MOST_ROWS, Table, TableRow
-from mountnav.ephemeris.table_text import read_table
 from mountnav.errors import BadRequest
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Icrs, Site

@@ -7,12 +7,9 @@ import math
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from mountnav.ephemeris.any_text import ephemeris_of_text
-from mountnav.ephemeris.elements_text import read_elements
+from mountnav.ephemeris.any_text import ephemeris_of_text, read_elements, read_satellites, read_table
 from mountnav.ephemeris.imported import import_file
 from mountnav.ephemeris.satellite import EarthSatellite
-from mountnav.ephemeris.satellite_text import read_satellites
-from mountnav.ephemeris.table_text import read_table
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import Site
 from mountnav.sky.kernel import SHIPPED_PATH, Kernel

@@ -171,7 +171,8 @@ def _warned(rule: FlagRule, roles: Roles) -> Chosen:
         return np.zeros(values.size, dtype=bool)
     if rule.test == "in":
         return np.isin(values, np.asarray(rule.value))
-    limit = float(rule.value)  # type: ignore[arg-type]
+    assert not isinstance(rule.value, tuple)  # those are of "in"
+    limit = float(rule.value)
     return values > limit if rule.test == "above" else values < limit
 
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Any
 
 from mountnav.errors import BadRequest
 from mountnav.reading.header_times import exposure_s_from_header
@@ -252,8 +253,10 @@ def assumptions(said: Sequence[str]) -> dict[str, float | str | tuple[int, int]]
 
 def assuming(facts: CameraSetup, assumed: Mapping[str, float | str | tuple[int, int]]) -> CameraSetup:
     """The facts, and where the header is silent what is assumed."""
-    silent = {field: value for field, value in assumed.items() if getattr(facts, field) is None}
-    return replace(facts, **silent)  # type: ignore[arg-type]
+    silent: dict[str, Any] = {
+        field: value for field, value in assumed.items() if getattr(facts, field) is None
+    }
+    return replace(facts, **silent)
 
 
 def unknown_beside_known(one: CameraSetup, other: CameraSetup) -> tuple[str, str, bool] | None:

@@ -7,6 +7,7 @@ peak less than once in a thousand series.
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 import numpy as np
 
@@ -101,10 +102,14 @@ def periodic_error(looks: Looks, *, worm_period_s: float | None = None) -> tuple
     )
 
 
-def _refined(search: object, frequency: float, width: float) -> float:
+class _Search(Protocol):
+    def power(self, frequency: Array) -> Array: ...
+
+
+def _refined(search: _Search, frequency: float, width: float) -> float:
     for _ in range(3):
         grid = frequency + np.linspace(-width, width, 21)
-        frequency = float(grid[int(np.argmax(np.asarray(search.power(grid))))])  # type: ignore[attr-defined]
+        frequency = float(grid[int(np.argmax(search.power(grid)))])
         width /= 8.0
     return frequency
 
@@ -119,7 +124,7 @@ def _swing(time: Array, angle: Array, frequency: float) -> tuple[float, float, f
     return float(math.hypot(got[2], got[3])), rms * math.sqrt(2.0 / time.size), rms
 
 
-def _aliases(search: object, best: float, step: float, span: float, top: float) -> tuple[float, ...]:
+def _aliases(search: _Search, best: float, step: float, span: float, top: float) -> tuple[float, ...]:
     """Periods that even sampling can't tell from the one found: their peaks are as high."""
     found = []
     for turns in (1, 2):
@@ -128,7 +133,7 @@ def _aliases(search: object, best: float, step: float, span: float, top: float) 
             if not 1.0 / LONGEST_S < frequency < 1.0 / _SHORTEST_WORM_S:
                 continue
             grid = frequency + np.linspace(-2.0 / span, 2.0 / span, 81)
-            if float(np.max(np.asarray(search.power(grid)))) > _ALIAS_SHARE * top:  # type: ignore[attr-defined]
+            if float(np.max(search.power(grid))) > _ALIAS_SHARE * top:
                 found.append(1.0 / frequency)
     return tuple(sorted(found, reverse=True))
 

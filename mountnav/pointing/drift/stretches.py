@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from itertools import pairwise
 
 import numpy as np
@@ -200,11 +200,6 @@ def _jump(looks: Looks, at: int, drift: Drift | None) -> Jump:
         east, north = east - drift.ra_arcsec_min * minutes, north - drift.dec_arcsec_min * minutes
         sigma = math.hypot(sigma, minutes * math.hypot(drift.ra_sigma_arcsec_min, drift.dec_sigma_arcsec_min))
     return Jump(looks.observations[at].utc, east, north, sigma)
-
-
-def middle_of(one: Stretch) -> datetime:
-    """Middle of a stretch."""
-    return one.start + timedelta(seconds=0.5 * (one.stop - one.start).total_seconds())
 
 
 def sky_cosine(dec_deg: float) -> float:

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from api.demo.moving import COMET, SATELLITE, comet_elements, orbit_of, satellite_lines
+from mountnav.ephemeris.any_text import read_elements
 from mountnav.ephemeris.elements import GM_SUN_AU3_DAY2, two_body
-from mountnav.ephemeris.elements_text import read_elements
 from mountnav.ephemeris.ephemeris import sky_rates
 from mountnav.ephemeris.satellite import EarthSatellite
 from mountnav.ephemeris.small_body import SmallBody

@@ -19,21 +19,16 @@ from mountnav.clock import utc_now
 from mountnav.settings.observatory import Settings
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
+from tests.settings_text import SERVICE_AND_SITE
 
 # a night is named from noon to noon, so that no test may run on the machine's time, across its noon
 EVENING = datetime(2026, 11, 21, 19, 0, tzinfo=UTC)
 OPTICS = SimulatedOptics(640, 480, 10.0, rotation_deg=20.0)
 EXPOSURE_S = 0.3
 
-NIGHT = """
-[service]
-port = 0
-[solving]
-worker = false
-blind = "never"
-[site]
-latitude_deg = 47.0
-longitude_deg = 11.0
+NIGHT = (
+    SERVICE_AND_SITE
+    + """
 [[telescope]]
 id = "east"
 scale_arcsec_px = 10.0
@@ -65,6 +60,7 @@ id = "west"
 mount = {{ url = "fake+lx200://" }}
 camera = {{ kind = "folder", path = "/" }}
 """
+)
 
 
 @dataclass

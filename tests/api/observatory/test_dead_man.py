@@ -32,18 +32,13 @@ from mountnav.journal.records import EntryKind
 from mountnav.settings.observatory import Settings
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from tests.api.observatory.true_mount import SITE
+from tests.settings_text import SERVICE_AND_SITE
 
 pytestmark = pytest.mark.long
 
-SETTINGS = """
-[service]
-port = 0
-[solving]
-worker = false
-blind = "never"
-[site]
-latitude_deg = 47.0
-longitude_deg = 11.0
+SETTINGS = (
+    SERVICE_AND_SITE
+    + """
 [[telescope]]
 id = "east"
 [telescope.mount]
@@ -60,6 +55,7 @@ past_meridian_west_deg = 180.0
 [telescope.following]
 on_loss = "{on_loss}"
 """
+)
 _MANY = 6
 """Deaths of the service in the long test."""
 
@@ -516,20 +512,15 @@ async def test_a_service_waits_for_a_guard_that_is_at_work(true_mount: TrueMount
 
 # -- the client ------------------------------------------------------------------------------------
 
-INSIDE = """
-[service]
-port = 0
-[solving]
-worker = false
-blind = "never"
-[site]
-latitude_deg = 47.0
-longitude_deg = 11.0
+INSIDE = (
+    SERVICE_AND_SITE
+    + """
 [[telescope]]
 id = "east"
 mount = { url = "fake+lx200://?dialect=onstep", slew_rate_deg_s = 45.0, acceleration_deg_s2 = 8.0 }
 camera = { kind = "simulated", width_px = 400, height_px = 300, scale_arcsec_px = 4.0 }
 """
+)
 
 
 @pytest.mark.parametrize("on_expiry", ["stop", "park"])

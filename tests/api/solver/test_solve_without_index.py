@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from api.cli.solve import FileSolver, solve_files
+from api.batch.inputs import FrameFile
+from api.cli.solve import FileSolver
 from mountnav.catalog.catalog_set import open_catalogs
 from mountnav.errors import BadSettings
 from mountnav.frames import Hint
@@ -29,7 +30,6 @@ SPENT_S = 3.0
 def test_the_first_frame_that_needs_it_keeps_to_its_budget(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
     reason: Reason,
     built: bool,
     budgets: list[float],
@@ -52,7 +52,10 @@ def test_the_first_frame_that_needs_it_keeps_to_its_budget(
     monkeypatch.setattr("api.cli.solve.open_or_build_index", index)
     files = [tmp_path / "one.fits", tmp_path / "two.fits"]
     settings = replace(SolveSettings(), budget_s=10.0)
-    assert not solve_files(files, FileSolver(open_catalogs(), None, None, settings), as_json=True)
+    solver = FileSolver(open_catalogs(), None, None, settings)
+    outcomes = [solver.outcome(FrameFile(file)) for file in files]
+    assert not any(one.solved for one in outcomes)
     assert asked == budgets
-    out = capsys.readouterr().out
-    assert out.count("the whole sky was not searched: the cache: no room") == (0 if built else 2)
+    assert str([one.answer() for one in outcomes]).count(
+        "the whole sky was not searched: the cache: no room"
+    ) == (0 if built else 2)

@@ -18,16 +18,11 @@ from mountnav.settings.observatory import Settings
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
+from tests.settings_text import SERVICE_AND_SITE
 
-TOML = """
-[service]
-port = 0
-[solving]
-worker = false
-blind = "never"
-[site]
-latitude_deg = 47.0
-longitude_deg = 11.0
+TOML = (
+    SERVICE_AND_SITE
+    + """
 [alpaca]
 discovery = false
 [[telescope]]
@@ -40,6 +35,7 @@ mounting = "german"
 slew_rate_deg_s = 25.0
 acceleration_deg_s2 = 8.0
 """
+)
 
 
 @asynccontextmanager
