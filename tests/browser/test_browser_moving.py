@@ -145,7 +145,8 @@ def test_what_comes_next_is_told_before_anything_is_ordered(visit: Visit, observ
     page.fill("#target", "Moon")
     expect_text(page, "#target-moves", "Moon moves by")
     # within twelve hours the Moon rises or sets, or crosses the meridian, whatever the hour of the tests
-    page.wait_for_function("() => /rises|sets|meridian/.test(document.querySelector('#target-next').textContent)")
+    told = "document.querySelector('#target-next').textContent"
+    page.wait_for_function(f"() => /rises|sets|meridian/.test({told})")
     assert page.is_visible("#follow")
     page.fill("#target", "Vega")
     expect_text(page, "#target-moves", "Vega stands still")
