@@ -1,6 +1,6 @@
-"""The page that stays open all night: what it says at a glance, that nothing jumps, that all can read and reach it.
+"""The page that stays open all night: what it says at a glance, that nothing jumps, who can read and reach it.
 
-Each panel is photographed empty, loading, stale and with an error, into the folder of $MOUNTNAV_PICTURES if there is one.
+Each panel is photographed empty, loading, stale and with an error; into $MOUNTNAV_PICTURES if that is set.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ WATCH_SHIFTS = """() => {
   window.shifts = [];
   new PerformanceObserver((list) => {
     for (const one of list.getEntries()) {
-      const moved = one.sources.map((source) => source.node?.id || source.node?.parentElement?.id || source.node?.nodeName);
+      const name = (node) => node?.id || node?.parentElement?.id || node?.nodeName;
+      const moved = one.sources.map((source) => name(source.node));
       if (!one.hadRecentInput) window.shifts.push([one.value, one.startTime, ...moved]);
     }
   }).observe({ type: "layout-shift", buffered: true });
@@ -106,9 +107,12 @@ def jumps(page: Page) -> list[Any]:
 def outside(page: Page, width: int) -> list[str]:
     """What is shown and reaches over the edge, but within boxes that scroll."""
     found: list[str] = page.evaluate(
-        """width => [...document.querySelectorAll('#head *, #panels .panel, #panels button, #panels input, #tabs *, #stop')]
+        """width => [...document.querySelectorAll('#head *, .panel, #panels button, #panels input, #tabs *, #stop')]
           .filter((one) => !one.closest('.unseen, #telescopes, .scroll') && one.getClientRects().length)
-          .filter((one) => { const box = one.getBoundingClientRect(); return box.width > 1 && (box.left < -0.5 || box.right > width + 0.5); })
+          .filter((one) => {
+            const box = one.getBoundingClientRect();
+            return box.width > 1 && (box.left < -0.5 || box.right > width + 0.5);
+          })
           .map((one) => one.id || one.outerHTML.slice(0, 60))""",
         width,
     )
@@ -139,7 +143,7 @@ def test_a_centering_is_seen_at_a_glance_and_nothing_jumps(
         assert re.search(r"(sunset|dark|dawn|sunrise) \d\d:\d\d", told)
         # the night strip tells the same looks as the service
         desk.wait_for_function(
-            "count => document.querySelector('#strip-map').getAttribute('aria-label').includes(`${count} looks solved`)",
+            "count => document.querySelector('#strip-map').ariaLabel.includes(`${count} looks solved`)",
             arg=f"{len(tonight(night))} of {len(tonight(night))}",
         )
         # drift and residuals have something to show from the first looks on
@@ -186,8 +190,9 @@ def test_orders_are_within_reach_of_a_thumb(browser: Browser, night: Served, pic
         choose(page, "east")
         page.wait_for_function("() => !document.querySelector('[data-order=look]').disabled")
         small = page.evaluate(
-            """() => [...document.querySelectorAll('button, select, .choice span')].filter((one) => one.getClientRects().length)
-              .filter((one) => { const box = one.getBoundingClientRect(); return box.height < 43.5 || box.width < 43.5; })
+            """() => [...document.querySelectorAll('button, select, .choice span')]
+              .filter((one) => one.getClientRects().length)
+              .filter((one) => Math.min(one.getBoundingClientRect().height, one.getBoundingClientRect().width) < 43.5)
               .map((one) => one.id || one.outerHTML.slice(0, 70))"""
         )
         assert small == []
@@ -232,7 +237,7 @@ def test_going_there_instead_and_coming_to_rest(visit: Visit, night: Served) -> 
     page.wait_for_function("() => !document.querySelector('#slew').disabled")
     page.click("#slew")
     expect_text(page, "#ask-words", "slow is busy: slew")
-    # on a computer that is busy the page may lose sight of the service for a moment, and takes the question back
+    # on a busy computer the page may lose sight of the service for a moment, and takes the question back
     if page.locator("#ask").is_hidden():
         page.click("#slew")
         page.wait_for_selector("#ask:not([hidden])")
@@ -251,7 +256,8 @@ def test_going_there_instead_and_coming_to_rest(visit: Visit, night: Served) -> 
         """() => {
           window.said = [];
           const box = document.querySelector('#stop-told');
-          new MutationObserver(() => window.said.push(box.textContent)).observe(box, { subtree: true, childList: true, characterData: true });
+          const all = { subtree: true, childList: true, characterData: true };
+          new MutationObserver(() => window.said.push(box.textContent)).observe(box, all);
         }"""
     )
     page.locator("#stop").click()
@@ -317,8 +323,10 @@ def test_the_wall_shows_all_and_trouble_is_told_if_wanted(
     told = page.evaluate(
         """async () => {
           const { troublesOf } = await import('/web/js/alerts.js');
-          const gone = { id: 'gone', connected: false, problem: 'no such port' }, fine = { id: 'east', connected: true, tracking: true };
-          return [troublesOf({ lostSince: null, fleet: [gone, fine], state: null }), troublesOf({ lostSince: new Date(), fleet: [], state: null })];
+          const gone = { id: 'gone', connected: false, problem: 'no such port' };
+          const fine = { id: 'east', connected: true, tracking: true };
+          return [troublesOf({ lostSince: null, fleet: [gone, fine], state: null }),
+            troublesOf({ lostSince: new Date(), fleet: [], state: null })];
         }"""
     )
     assert list(told[0]) == ["gone"]
@@ -437,27 +445,7 @@ def brightness(page: Page) -> list[int]:
 
 def test_words_of_the_headline_are_true_or_not_there(visit: Visit, night: Served) -> None:
     page = visit.open(night.url)
-    told = page.evaluate(
-        """async () => {
-          const { headlineParts, restWords } = await import('/web/js/headline.js');
-          const { placesIn, degrees, hours } = await import('/web/js/angles.js');
-          const times = { sun_sets_utc: '2026-11-26T15:32:00Z', dark_from_utc: '2026-11-26T17:20:00Z', dark_until_utc: '2026-11-27T04:46:00Z', sun_rises_utc: '2026-11-27T06:34:00Z' };
-          const headline = { target: 'Vega', arrived: true, error_arcsec: 2.04, error_utc: '2026-11-26T23:59:30Z', fwhm_arcsec: 3.1,
-            fwhm_utc: '2026-11-26T23:30:00Z', meridian_s: 10080, times };
-          const sky = { utc: '2026-11-27T00:00:00Z', altitude_deg: 61.25, headline }, up = { connected: true };
-          const words = (one, state) => headlineParts(one, state).parts.map((each) => each.text).join(' | ');
-          return {
-            known: [headlineParts(sky, up).target, words(sky, up)],
-            unknown: words({ ...sky, altitude_deg: null, headline: { ...headline, error_arcsec: null, error_utc: null, fwhm_arcsec: null, meridian_s: null, times: {} } }, up),
-            past: words({ ...sky, headline: { ...headline, meridian_s: -4320 } }, up),
-            away: headlineParts(sky, { connected: false }),
-            rest: [restWords({ connected: true, slewing: false, tracking: false, still_since_utc: '2026-11-26T21:32:10.4Z' }),
-              restWords({ connected: true, slewing: true, tracking: false, still_since_utc: null }), restWords({ connected: true, slewing: false, still_since_utc: null })],
-            places: placesIn('seen at RA 240.6621° Dec +51.9097°: 37 stars, then RA 0.0001° Dec -5.5000°'),
-            angles: [degrees(-0.04), degrees(-12.34), degrees(null), hours(10080), hours(2880), hours(59)],
-          };
-        }"""
-    )
+    told = page.evaluate((Path(__file__).parent / "headline_words.js").read_text(encoding="utf-8"))
     assert told["known"] == [
         "Vega",
         "2.0″ off | FWHM 3.1″, 30 min ago | 61.3° high | 2 h 48 to meridian | dawn 04:46",
