@@ -1,4 +1,4 @@
-"""The page that stays open all night: what it says at a glance, that nothing jumps, who can read and reach it.
+"""The page that stays open all night: what it says at a glance, that nothing jumps, who can read it.
 
 Each panel is photographed empty, loading, stale and with an error; into $MOUNTNAV_PICTURES if that is set.
 """
@@ -107,7 +107,8 @@ def jumps(page: Page) -> list[Any]:
 def outside(page: Page, width: int) -> list[str]:
     """What is shown and reaches over the edge, but within boxes that scroll."""
     found: list[str] = page.evaluate(
-        """width => [...document.querySelectorAll('#head *, .panel, #panels button, #panels input, #tabs *, #stop')]
+        """width => [...document.querySelectorAll('#head *, .panel, #panels button, #panels input, #stop')]
+          .concat([...document.querySelectorAll('#tabs *')])
           .filter((one) => !one.closest('.unseen, #telescopes, .scroll') && one.getClientRects().length)
           .filter((one) => {
             const box = one.getBoundingClientRect();
@@ -192,7 +193,10 @@ def test_orders_are_within_reach_of_a_thumb(browser: Browser, night: Served, pic
         small = page.evaluate(
             """() => [...document.querySelectorAll('button, select, .choice span')]
               .filter((one) => one.getClientRects().length)
-              .filter((one) => Math.min(one.getBoundingClientRect().height, one.getBoundingClientRect().width) < 43.5)
+              .filter((one) => {
+                const box = one.getBoundingClientRect();
+                return Math.min(box.height, box.width) < 43.5;
+              })
               .map((one) => one.id || one.outerHTML.slice(0, 70))"""
         )
         assert small == []
