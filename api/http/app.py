@@ -12,7 +12,8 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from fastapi import APIRouter, FastAPI, Request
-from fastapi.responses import JSONResponse
+from fastapi.openapi.docs import get_swagger_ui_html
+from fastapi.responses import HTMLResponse, JSONResponse, Response
 from fastapi.routing import APIRoute
 from fastapi_offline import FastAPIOffline
 from starlette.routing import Route
@@ -134,6 +135,7 @@ def create_app(settings: Settings, *, catalog: Catalog | None = None) -> FastAPI
     app.include_router(page.router)
     app.include_router(help_router)
     _describe_beside(app)
+    app.router.routes.insert(0, Route("/docs", _described_by_night, include_in_schema=False))
     return app
 
 
@@ -142,6 +144,23 @@ async def _tell_of_keys(keys: KeyStore) -> None:
     while True:
         keys.tell_ends()
         await asyncio.sleep(_KEYS_TOLD_S)
+
+
+async def _described_by_night(request: Request) -> Response:
+    """The description of the interface, for people: as `FastAPIOffline` has it, and red where the page is."""
+    root = request.scope.get("root_path", "")
+    drawn = get_swagger_ui_html(
+        openapi_url=f"{root}/openapi.json",
+        title="mountnav: API",
+        oauth2_redirect_url="/docs/oauth2-redirect",
+        swagger_js_url=f"{root}/static-offline-docs/swagger-ui-bundle.js",
+        swagger_css_url=f"{root}/static-offline-docs/swagger-ui.css",
+        swagger_favicon_url=f"{root}/favicon.ico",
+    )
+    theme = (
+        f'<script src="{root}/web/js/first.js"></script><link rel="stylesheet" href="{root}/web/docs.css">'
+    )
+    return HTMLResponse(bytes(drawn.body).decode().replace("</head>", f"{theme}</head>", 1))
 
 
 def _describe_beside(app: FastAPI) -> None:

@@ -24,6 +24,7 @@ from mountnav.sky.sphere import separation_arcsec
 __all__ = [
     "HeadlineView",
     "NightTimesView",
+    "coming_night",
     "headline_view",
     "night_times",
     "noon_before",
@@ -86,6 +87,14 @@ def night_times(utc: datetime, site: Site) -> NightTimesView:
         dark_until_utc=_first(dark, rising=True),
         sun_rises_utc=_first(edge, rising=True),
     )
+
+
+def coming_night(utc: datetime, site: Site) -> NightTimesView:
+    """The times of this night; once the Sun has risen, of the next one."""
+    times = night_times(utc, site)
+    if times.sun_rises_utc is not None and times.sun_rises_utc <= utc:
+        return night_times(utc + timedelta(hours=_NIGHT_H), site)
+    return times
 
 
 def noon_before(utc: datetime, site: Site) -> datetime:
@@ -151,7 +160,7 @@ def headline_view(
         fwhm_arcsec=None if sky is None else sky.fwhm_arcsec,
         fwhm_utc=None if sky is None else sky.utc,
         meridian_s=None if observed is None else -observed.ha_deg / SIDEREAL_DEG_S,
-        times=night_times(utc, mount.site),
+        times=coming_night(utc, mount.site),
     )
 
 

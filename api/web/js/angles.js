@@ -151,3 +151,23 @@ export function span(seconds) {
 
 /** The time of day of an instant, UTC. */
 export const clockOf = (utc) => new Date(utc).toISOString().slice(11, 19);
+
+/** An altitude, azimuth or turn, where a tenth of a degree is enough: "−12.3°". */
+export function degrees(deg) {
+  if (deg === null || deg === undefined || !Number.isFinite(deg)) return "–";
+  return `${deg <= -0.05 ? "−" : ""}${Math.abs(deg).toFixed(1)}°`;
+}
+
+/** A longer span, to the minute: "2 h 48", "48 min". */
+export function hours(seconds) {
+  const minutes = Math.max(0, Math.round(seconds / 60));
+  return minutes < 60 ? `${minutes} min` : `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, "0")}`;
+}
+
+/** Hours and minutes of an instant, UTC. */
+export const minuteOf = (utc) => clockOf(utc).slice(0, 5);
+
+/** The service's sentences write places in degrees: shown as all other places here are. */
+export function placesIn(words) {
+  return words.replace(/RA (\d+\.\d+)° Dec ([+-−]?\d+\.\d+)°/g, (_, ra, dec) => `${hms(Number(ra))} ${dms(Number(dec.replace("−", "-")))}`);
+}

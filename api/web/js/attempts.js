@@ -9,7 +9,7 @@ const JOBS = 12;
 export function showAttempts(observatory) {
   function show() {
     const rows = observatory.jobs.slice(0, JOBS).flatMap((job) => rowsOf(job, observatory));
-    fill(by("attempt-rows"), ...(rows.length ? rows : [element("tr", {}, element("td", { colspan: 8, class: "dim" }, "no attempts yet"))]));
+    fill(by("attempt-rows"), ...(rows.length ? rows : [element("tr", {}, element("td", { colspan: 8 }, " "))]));
   }
   for (const topic of ["jobs", "limits", "offsets", "telescope"]) observatory.on(topic, show);
   show();

@@ -6,6 +6,11 @@ import { small } from "./angles.js";
 const RINGS = [1, 3, 10, 30, 60, 300, 600, 1800, 3600, 18000, 36000, 180000];
 const SHOWN = 5;
 
+/** What was written last and where: [{label, box: [left, top, right, bottom]}]. */
+export let labels = [];
+
+export const overlaps = (a, b) => a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
+
 /** How far from the middle an error stands, without a unit. */
 const reach = (arcsec) => Math.log10(1 + arcsec / 0.5);
 
@@ -61,18 +66,28 @@ export function showBullseye(observatory) {
     c.lineWidth = 1.5;
     c.stroke();
     c.restore();
-    let lastY = y0;
+    // points first: labels keep clear of them, and of each other
+    const boxes = series.flatMap((job) => job.attempts.map((one) => at(one.east_arcsec ?? 0, one.north_arcsec ?? 0))).map(([x, y]) => [x - 6, y - 6, x + 6, y + 6]);
+    const ringLabels = [];
     for (const ring of inner) {
-      const y = y0 + reach(ring) * scale;
-      if (y - lastY < 13) continue;
-      lastY = y;
       const label = ring >= 3600 ? `${ring / 3600}°` : ring >= 60 ? `${ring / 60}′` : `${ring}″`;
-      const wide = c.measureText(label).width + 4;
-      c.fillStyle = color.panel; // no ring runs through its own number
-      c.fillRect(x0 + 14 - wide / 2, y - 7, wide, 13);
-      c.fillStyle = color.faint;
-      c.fillText(label, x0 + 14, y);
+      const half = c.measureText(label).width / 2 + 3, r = reach(ring) * scale;
+      for (const turn of [45, 135, 225, 315, 20, 70, 110, 160, 200, 250, 290, 340]) {
+        const x = x0 + r * Math.sin((turn * Math.PI) / 180), y = y0 + r * Math.cos((turn * Math.PI) / 180);
+        const box = [x - half, y - 7, x + half, y + 7];
+        if (box[0] < 1 || box[2] > width - 1 || box[3] > height - 1 || boxes.some((one) => overlaps(one, box))) continue;
+        boxes.push(box);
+        ringLabels.push([label, x, y, half]);
+        break;
+      }
     }
+    for (const [label, x, y, half] of ringLabels) {
+      c.fillStyle = color.panel; // no ring runs through its own number
+      c.fillRect(x - half, y - 7, 2 * half, 14);
+      c.fillStyle = color.dim;
+      c.fillText(label, x, y);
+    }
+    const placed = ringLabels.map(([label, x, y, half]) => ({ label, box: [x - half, y - 7, x + half, y + 7] }));
 
     series.map((job, age) => [job, age]).reverse().forEach(([job, age]) => {
       const points = job.attempts.map((one) => at(one.east_arcsec ?? 0, one.north_arcsec ?? 0));
@@ -90,14 +105,21 @@ export function showBullseye(observatory) {
         c.arc(x, y, !age && last ? 5 : 3, 0, 2 * Math.PI);
         c.fill();
         if (!age && (i === 0 || last)) {
-          c.fillStyle = color.text;
-          c.textAlign = x > x0 ? "right" : "left";
-          c.fillText(small(job.attempts[i].error_arcsec), x + (x > x0 ? -9 : 9), y - (y > y0 + R - 12 ? 10 : 0));
-          c.textAlign = "center";
+          const label = small(job.attempts[i].error_arcsec), half = c.measureText(label).width / 2 + 2;
+          const spots = [[half + 8, 0], [-half - 8, 0], [0, -16], [0, 16], [half + 6, -14], [half + 6, 14], [-half - 6, -14], [-half - 6, 14], [half + 14, -26], [-half - 14, 26]];
+          const spot = spots.map(([dx, dy]) => [x + dx - half, y + dy - 7, x + dx + half, y + dy + 7])
+            .find((box) => box[0] > 0 && box[2] < width && box[1] > 0 && box[3] < height && !boxes.some((one) => overlaps(one, box)));
+          if (spot) {
+            boxes.push(spot);
+            placed.push({ label, box: spot });
+            c.fillStyle = color.text;
+            c.fillText(label, (spot[0] + spot[2]) / 2, (spot[1] + spot[3]) / 2);
+          }
         }
       });
     });
     c.globalAlpha = 1;
+    labels = placed;
   });
 
   function show() {

@@ -7,5 +7,6 @@
     return; // a browser that keeps nothing
   }
   document.documentElement.dataset.night = "";
-  document.querySelector("meta[name=theme-color]").content = "#000000";
+  const bar = document.querySelector("meta[name=theme-color]");
+  if (bar) bar.content = "#000000"; // the description of the API has none
 })();

@@ -22,12 +22,7 @@ export function showFrame(observatory) {
   const again = drawn(canvas, (c, width, height, color) => {
     const { frame } = observatory;
     c.font = MONO;
-    if (!frame) {
-      c.fillStyle = color.faint;
-      c.textAlign = "center";
-      c.fillText("no look yet", width / 2, height / 2);
-      return;
-    }
+    if (!frame) return;
     const scale = Math.min(width / frame.width_px, height / frame.height_px);
     const w = frame.width_px * scale, h = frame.height_px * scale, x0 = (width - w) / 2, y0 = (height - h) / 2;
     if (image && imageOf === frame.frame_id) c.drawImage(image, x0, y0, w, h);
@@ -173,7 +168,6 @@ function describe(canvas, frame) {
     fill(by("frame-legend"));
     return;
   }
-  canvas.style.aspectRatio = `${frame.width_px} / ${frame.height_px}`;
   const when = frame.mid_exposure_utc ? `${clockOf(frame.mid_exposure_utc)} UTC` : "";
   say(by("frame-note"), [when, frame.exposure_s ? `${frame.exposure_s} s` : "", `${frame.width_px}×${frame.height_px}`].filter(Boolean).join(" · "));
   const rejected = frame.stars.filter((one) => !one.used).length;

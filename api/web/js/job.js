@@ -2,7 +2,7 @@
 
 import { remove } from "./calls.js";
 import { by, element, fill, say } from "./elements.js";
-import { clockOf } from "./angles.js";
+import { clockOf, small } from "./angles.js";
 import { rateWords } from "./moving.js";
 
 /** A running or ended job, its steps, and a button that ends it. */
@@ -69,11 +69,11 @@ function stepList(steps, phase) {
 function outcome(result) {
   if (!result) return null;
   if (result.kind === "center") {
-    const off = (value) => (value === null ? "unknown" : `${value.toFixed(1)}″`);
+    const off = (value) => (value === null ? "unknown" : small(value));
     return `${result.outcome}: from ${off(result.error_before_arcsec)} to ${off(result.error_after_arcsec)} off (tolerance ${off(result.tolerance_arcsec)})`;
   }
-  if (result.kind === "look") return `${result.offset.total_arcsec.toFixed(1)}″ from the mount's belief, ${result.pairs} stars`;
-  if (result.kind === "slew") return `${result.outcome}, ${result.miss_arcsec?.toFixed(0) ?? "?"}″ by the mount's own word`;
+  if (result.kind === "look") return `${small(result.offset.total_arcsec)} from the mount's belief, ${result.pairs} stars`;
+  if (result.kind === "slew") return `${result.outcome}, ${small(result.miss_arcsec)} by the mount's own word`;
   if (result.kind === "offset-rates") return result.ends_utc ? `rates ${rateWords(result.ra_arcsec_s)} RA, ${rateWords(result.dec_arcsec_s)} Dec until ${clockOf(result.ends_utc)} UTC` : "tracks as for a star";
   if (result.kind === "axes-moved") return result.axes.map((one) => `${one.axis} axis moved for ${one.moved_s.toFixed(1)} s: ${one.why}`).join("; ");
   return result.outcome ?? null;

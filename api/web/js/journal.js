@@ -2,7 +2,7 @@
 
 import { get, Refused } from "./calls.js";
 import { by, element, fill } from "./elements.js";
-import { clockOf } from "./angles.js";
+import { clockOf, placesIn } from "./angles.js";
 
 const PAGE = 40;
 const TYPING_MS = 300;
@@ -33,11 +33,12 @@ export function showJournal(observatory) {
     } catch (error) {
       if (mine === asked && error instanceof Refused) {
         newest = "";
-        fill(by("journal-lines"), element("li", { class: "day" }, `The journal could not be read: ${error.message}`));
+        if (![401, 403].includes(error.status)) observatory.note("journal", error);
       }
       return;
     }
     if (mine !== asked) return;
+    observatory.note("journal");
     const mark = page.lines.map((one) => one.utc + one.words).join();
     if (!more && mark === newest) return;
     if (!more) newest = mark;
@@ -68,7 +69,7 @@ export function showJournal(observatory) {
       const trouble = TROUBLE.includes(one.kind) || one.facts?.solved === false || ["refused", "unknown", "refused but done", "ignored", "elsewhere", "stalled", "not sent"].includes(one.facts?.outcome);
       const well = one.kind === "link" && one.words.startsWith("connected");
       items.push(element("li", { class: [trouble ? "trouble" : "", well ? "well" : ""].join(" ").trim() },
-        element("time", { datetime: one.utc }, clockOf(one.utc)), element("span", { class: "kind" }, one.kind), element("span", { class: "what" }, one.words)));
+        element("time", { datetime: one.utc }, clockOf(one.utc)), element("span", { class: "kind" }, one.kind), element("span", { class: "what" }, placesIn(one.words))));
     }
     fill(by("journal-lines"), ...(items.length ? items : [element("li", { class: "day" }, "nothing of that kind")]));
   }

@@ -1,31 +1,39 @@
 // The page, put together: one observatory, its panels, the key, night mode.
 
 import { key } from "./calls.js";
-import { by, element, fill, redraw, say } from "./elements.js";
+import { by, redraw, say } from "./elements.js";
 import { Observatory } from "./observatory.js";
+import { takeAlerts } from "./alerts.js";
 import { showAttempts } from "./attempts.js";
 import { showBullseye } from "./bullseye.js";
 import { showDoctors } from "./doctors.js";
 import { takeFiles } from "./file.js";
+import { showFleet } from "./fleet.js";
 import { showFrame } from "./frame_map.js";
+import { showHeadline } from "./headline.js";
 import { showJournal } from "./journal.js";
 import { showJob } from "./job.js";
 import { showControl } from "./lease.js";
 import { showFollowing } from "./moving.js";
 import { takeOrders } from "./orders.js";
 import { takePad } from "./pad.js";
+import { showPanelStates } from "./panel_states.js";
+import { takeParts } from "./parts.js";
 import { showPlace } from "./place.js";
 import { showPlots } from "./plots.js";
 import { takeAnswers } from "./question.js";
 import { showSkyMap } from "./sky_map.js";
 import { showStateLine } from "./state_line.js";
 import { takeStop } from "./stop.js";
+import { showStrip } from "./strip.js";
 
 const NIGHT = "mountnav-night";
 
 const observatory = new Observatory();
 takeStop(observatory); // before all else
+takeParts();
 showStateLine(observatory);
+showHeadline(observatory);
 showPlace(observatory);
 showSkyMap(observatory);
 showFollowing(observatory);
@@ -35,27 +43,21 @@ takeAnswers(observatory);
 showControl(observatory);
 showJob(observatory);
 showBullseye(observatory);
+showStrip(observatory);
 showFrame(observatory);
 showAttempts(observatory);
 const redrawPlots = showPlots(observatory);
 showJournal(observatory);
 showDoctors(observatory);
 takeFiles();
-chooseTelescopes();
+showFleet(observatory);
+takeAlerts(observatory);
+showPanelStates(observatory);
 takeKey();
 nightMode();
 aboveTheKeyboard();
 tellOfUpdates();
 observatory.start();
-
-function chooseTelescopes() {
-  function show() {
-    fill(by("telescopes"), ...observatory.telescopes.map((one) => element("button",
-      { type: "button", "aria-pressed": String(one.id === observatory.id), onclick: () => observatory.choose(one.id) }, one.id)));
-  }
-  observatory.on("telescopes", show);
-  observatory.on("telescope", show);
-}
 
 function takeKey() {
   const row = by("key-row"), opener = by("key-open");

@@ -2,7 +2,7 @@
 
 import { ask, NoConnection, Refused } from "./calls.js";
 import { by, element, fill, say } from "./elements.js";
-import { clockOf, span } from "./angles.js";
+import { clockOf, degrees, span } from "./angles.js";
 
 const TYPING_MS = 500;
 const FRESH_MS = 60_000;
@@ -42,7 +42,7 @@ export function showMoving(observatory, typed, give) {
     const ready = Boolean(observatory.state?.connected) && observatory.lostSince === null;
     button.disabled = !ready || !told || !told.moves;
     button.hidden = !observatory.capabilities?.kinds.some((one) => one.kind === "follow");
-    by("follow-row").hidden = button.hidden || !told?.moves;
+    by("follow-row").style.visibility = button.hidden || !told?.moves ? "hidden" : ""; // its room is kept
     if (!told) {
       fill(list);
       return;
@@ -54,7 +54,7 @@ export function showMoving(observatory, typed, give) {
       return;
     }
     words.className = "dim";
-    const height = told.altitude_deg === null ? "" : `, altitude ${told.altitude_deg.toFixed(0)}°`;
+    const height = told.altitude_deg === null ? "" : `, altitude ${degrees(told.altitude_deg)}`;
     say(words, told.moves
       ? `${told.name} moves by ${rateWords(told.total_arcsec_s)}${height}${told.sigma_arcsec > 1 ? `; known to ${told.sigma_arcsec.toFixed(0)}″` : ""}.`
       : `${told.name} stands still among the stars${height}.`);
@@ -62,7 +62,7 @@ export function showMoving(observatory, typed, give) {
     fill(list, ...events.map((one) => element("li", { class: one.kind === "limit" || one.kind === "sun-near" ? "warn-text" : "" },
       element("time", { datetime: one.utc }, clockOf(one.utc).slice(0, 5)),
       element("span", {}, what(one)),
-      element("span", { class: "num" }, one.altitude_deg === null ? "" : `${Math.round(one.altitude_deg) + 0}° high`))),
+      element("span", { class: "num" }, one.altitude_deg === null ? "" : `${degrees(one.altitude_deg)} high`))),
     events.length ? null : element("li", { class: "dim" }, `nothing within ${span((Date.parse(told.until_utc) - Date.parse(told.utc)) / 1000)}`));
   }
 

@@ -1,15 +1,17 @@
 // What is known of the telescope that is shown, when it was learned, and who wants to be told of news.
 
-import { get, getIfNew, key, NoConnection, Refused } from "./calls.js";
+import { AnotherKey, get, getIfNew, key, NoConnection, Refused } from "./calls.js";
 import { follow } from "./stream.js";
 
 const STATE_MS = 1000;
 const HIDDEN_MS = 5000;
 const OLD_MS = 3500;
 const SOON_MS = 250;
+const AGAIN_MS = 10_000;
 const JOBS = 25;
+const TONIGHT_MS = 60_000;
 
-/** Topics: telescopes, telescope, state, sky, limits, job, jobs, lease, lease-lost, frame, offsets, night, journal, health, link, event, key. */
+/** Topics: telescopes, telescope, state, sky, limits, job, jobs, lease, lease-lost, frame, offsets, night, journal, health, link, event, key, fleet, tonight, heard. */
 export class Observatory {
   telescopes = [];
   id = null;
@@ -27,6 +29,13 @@ export class Observatory {
   lookTimes = new Map();
   asked = null;
   lostSince = null;
+  /** The last state of each telescope, where there are several. */
+  fleet = [];
+  tonight = null;
+  /** What was read of this telescope, and why something could not be. */
+  heard = new Set();
+  faults = new Map();
+  #clock = null;
   #known = null;
   #told = new Map();
   #fresh = null;
@@ -52,6 +61,9 @@ export class Observatory {
   async start() {
     this.#stream = follow("/v1/events", (kind, data) => this.#heard(kind, data), (up) => this.#link(up));
     setInterval(() => this.#judgeAge(), 250);
+    setInterval(() => {
+      if (!document.hidden && this.id && this.lostSince === null) this.soon("tonight", 0);
+    }, TONIGHT_MS);
     document.addEventListener("visibilitychange", () => {
       // a browser has six connections to one place for all of its tabs: one that nobody sees holds none
       this.#stream.pause(document.hidden);
@@ -65,6 +77,32 @@ export class Observatory {
         setTimeout(done, document.hidden || this.#shut ? HIDDEN_MS : STATE_MS);
       });
     }
+  }
+
+  /** Now by the service's clock, ms; null before it was heard. A virtual night's clock runs faster. */
+  now() {
+    if (this.#clock === null) return null;
+    return this.#clock.service + (performance.now() - this.#clock.ticks) * (this.health?.virtual?.speed ?? 1);
+  }
+
+  /** How long ago an instant of the service's clock was, in seconds of ours. */
+  ageOf(utc) {
+    const now = this.now();
+    return utc && now !== null ? Math.max(0, (now - Date.parse(utc)) / 1000 / (this.health?.virtual?.speed ?? 1)) : null;
+  }
+
+  /** How old the last reading of the mount is, s. */
+  readAge() {
+    return this.ageOf(this.state?.read_utc);
+  }
+
+  /** Something was read, or could not be. */
+  note(what, error = null) {
+    if (error === null) {
+      this.heard.add(what);
+      this.faults.delete(what);
+    } else this.faults.set(what, error);
+    this.tell("heard");
   }
 
   /** Let go of the stream's connection: something more urgent needs one. */
@@ -81,21 +119,23 @@ export class Observatory {
   choose(id) {
     if (id === this.id) return;
     Object.assign(this, {
-      id, state: null, sky: null, limits: null, job: null, jobs: [], frame: null, offsets: null, night: undefined, asked: null, lease: null,
+      id, state: null, sky: null, limits: null, job: null, jobs: [], frame: null, offsets: null, night: undefined, asked: null, lease: null, tonight: null,
     });
+    for (const what of [...this.heard]) if (!["health", "capabilities"].includes(what)) this.heard.delete(what);
+    this.faults.clear();
     this.#known = null;
     this.#fresh = null;
     try {
       localStorage.setItem("mountnav-telescope", id);
     } catch { /* a browser that keeps nothing */ }
-    for (const topic of ["telescope", "state", "sky", "limits", "job", "jobs", "frame", "offsets", "night", "lease"]) this.tell(topic);
+    for (const topic of ["telescope", "state", "sky", "limits", "job", "jobs", "frame", "offsets", "night", "lease", "tonight", "heard"]) this.tell(topic);
     this.#poll();
     this.everything();
   }
 
   /** Read all that changes seldom. */
   everything() {
-    for (const what of ["capabilities", "limits", "jobs", "frame", "offsets", "lease", "health"]) this.soon(what, 0);
+    for (const what of ["capabilities", "limits", "jobs", "frame", "offsets", "lease", "health", "tonight"]) this.soon(what, 0);
     this.tell("journal");
   }
 
@@ -136,11 +176,14 @@ export class Observatory {
       this.#heardFrom();
       this.#known = known;
       this.state = known.told;
+      this.note("state");
       this.tell("state");
       const asked = this.asked ? `?ra_deg=${this.asked.ra_deg}&dec_deg=${this.asked.dec_deg}` : "";
       const sky = await get(this.path(`sky${asked}`));
       if (id !== this.id) return;
       this.sky = sky;
+      this.#clock = { service: Date.parse(sky.utc), ticks: performance.now() };
+      this.note("sky");
       this.tell("sky");
       if (this.state.job_id || (this.job && !this.job.finished_utc)) await this.#readJob(this.state.job_id ?? this.job.id);
     } catch (error) {
@@ -170,15 +213,21 @@ export class Observatory {
       }
       if (what === "lease") told.heard_ms = Date.now();
       this[what] = told;
+      this.note(what);
       if (what === "offsets") told.looks.forEach((one) => this.lookTimes.set(one.look_id, one.utc));
       this.tell(what);
       if (what === "capabilities") this.soon("night", 0);
       // a job that runs and isn't among the newest: is it still known?
       if (what === "jobs" && this.job && !this.job.finished_utc && !told.some((one) => one.id === this.job.id)) await this.#readJob(this.job.id);
     } catch (error) {
-      if (error instanceof Refused && [404, 409].includes(error.status) && id === this.id) {
+      if (id !== this.id || error instanceof AnotherKey) return;
+      if (error instanceof Refused && [404, 409].includes(error.status)) {
         this[what] = null;
+        this.note(what);
         this.tell(what);
+      } else if (error instanceof Refused && ![401, 403].includes(error.status)) {
+        this.note(what, error);
+        this.soon(what, AGAIN_MS);
       }
     }
   }
@@ -198,7 +247,10 @@ export class Observatory {
     this.jobs = [job, ...this.jobs.filter((one) => one.id !== job.id)];
     this.tell("job");
     this.tell("jobs");
-    if (ended) this.soon("offsets", 1000);
+    if (ended) {
+      this.soon("offsets", 1000);
+      this.soon("tonight", 1000);
+    }
   }
 
   /** The service knows the job no more that ran when it was last heard: nobody can say that it still runs. */
@@ -217,6 +269,7 @@ export class Observatory {
     if (["solved", "not-solved"].includes(kind)) {
       this.soon("frame", 150);
       this.soon("offsets", 1200);
+      this.soon("tonight", 1500);
     }
     if (kind === "job") this.soon("jobs");
     if (kind.startsWith("lease")) this.soon("lease", 50);
@@ -246,7 +299,7 @@ export class Observatory {
         this.tell("sky");
         this.tell("key", error);
       } else if (error.status === 404) this.telescopes = [];
-      else this.tell("trouble", error);
+      else for (const what of ["state", "sky"]) this.note(what, error);
     } else if (!(error instanceof NoConnection)) {
       console.error(error);
     }

@@ -134,7 +134,7 @@ export function takePad(observatory) {
   function enable() {
     const { state } = observatory;
     const can = Boolean(observatory.can?.skills.includes("move-axis"));
-    pad.hidden = !can;
+    pad.hidden = observatory.can !== undefined && !can; // its room is kept until that is known
     const up = Boolean(state?.connected) && observatory.lostSince === null && observatory.capabilities?.your_role !== "view";
     const altaz = observatory.can?.mounting === "altaz";
     for (const button of pad.querySelectorAll("[data-pad]")) {

@@ -1,7 +1,7 @@
 // Where the telescope points, in every way one asks for it at night. What isn't known is a dash.
 
 import { by, element, fill, say } from "./elements.js";
-import { dms, hms, hourAngle, span } from "./angles.js";
+import { degrees, dms, hms, hourAngle, span } from "./angles.js";
 
 const SIDES = { east: "east (looks west)", west: "west (looks east)" };
 const OLD_S = 5;
@@ -36,7 +36,8 @@ export function showPlace(observatory) {
     set("dec", dms(icrs?.dec_deg));
     const known = (value, yes, no) => (value === null || value === undefined ? null : value ? yes : no);
     set("tracking", state?.parked ? "parked" : known(state?.tracking, "on", "off"));
-    set("pier", state?.pier_side ? (SIDES[state.pier_side] ?? state.pier_side) : null);
+    // only a German mount has two sides to tell apart
+    set("pier", observatory.can && observatory.can.mounting !== "german" ? null : state?.pier_side ? (SIDES[state.pier_side] ?? state.pier_side) : null);
     const link = state ? (state.link ?? (state.connected ? "up" : "lost")) : null;
     set("link", link, link === "up" || link === null ? "" : "bad");
     const warnings = state ? [...(state.warnings ?? [])] : [];
@@ -61,7 +62,7 @@ export function showPlace(observatory) {
     else if (state?.parked || state?.tracking === false) set("limit", "not tracking");
     else if (!ahead) set("limit", "none in 12 h");
     else set("limit", `${span(ahead.after_s)}, ${ahead.limit}`, ahead.after_s < 300 ? "bad" : ahead.after_s < 1800 ? "warn" : "");
-    set("sun", sky ? `${sky.sun.altitude_deg.toFixed(1).replace("-", "−")}° high` : null);
+    set("sun", sky ? `${degrees(sky.sun.altitude_deg)} high` : null);
     const speed = observatory.health?.virtual?.speed ?? 1;
     const age = reading?.utc && sky ? Math.max(0, (new Date(sky.utc) - new Date(reading.utc)) / 1000 / speed) : null;
     say(by("place-age"), age === null ? "" : age < 2 ? "now" : `read ${span(age)} ago`);

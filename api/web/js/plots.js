@@ -3,11 +3,13 @@
 import { by, colors, element, fill, MONO, say } from "./elements.js";
 import { small } from "./angles.js";
 
-const HEIGHT = 200;
+// steps of an axis of seconds of arc that people count in
+const STEPS_ARCSEC = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 18000, 36000, 72000, 180000, 360000];
+const LEGEND_PX = 30;
 
 export function showPlots(observatory) {
-  const drift = plotIn(by("drift-plot"), "no solved looks in the last 14 hours");
-  const residuals = plotIn(by("residual-plot"), "no solved frame yet");
+  const drift = plotIn(by("drift-plot"), "");
+  const residuals = plotIn(by("residual-plot"), "");
 
   function showDrift() {
     const { offsets } = observatory;
@@ -31,7 +33,8 @@ export function showPlots(observatory) {
       : starData(stars);
     residuals(data[0].length ? data : null, (color) => residualOptions(color, ofLooks));
     const rms = (column) => Math.sqrt(column.reduce((sum, one) => sum + one * one, 0) / column.length);
-    const words = data[0].length ? `rms ${rms(data[1]).toPrecision(2)}″ east, ${rms(data[2]).toPrecision(2)}″ north, ${data[0].length} ${ofLooks ? "looks" : "stars"}` : "";
+    const unsolved = frame && !frame.solved ? `The last frame was not solved: ${frame.reason}` : "";
+    const words = !data[0].length ? unsolved : data[0].length === 1 ? `one ${ofLooks ? "look" : "star"}` : `rms ${rms(data[1]).toPrecision(2)}″ east, ${rms(data[2]).toPrecision(2)}″ north, ${data[0].length} ${ofLooks ? "looks" : "stars"}`;
     say(by("residual-words"), words);
     by("residual-plot").setAttribute("aria-label", `Residuals: ${words || "none"}`);
   }
@@ -101,7 +104,7 @@ function axes(color, time, wide = false) {
     : (_, ticks) => ticks.map((t) => `${t}ᵐ`);
   return [
     { ...one, values, space: 70, size: 28 },
-    { ...one, size: 62, ...(wide ? { splits: decades, filter: apart } : {}), values: (_, ticks) => ticks.map(angle) },
+    { ...one, size: 62, ...(wide ? { splits: decades, filter: apart } : { incrs: STEPS_ARCSEC, space: 26 }), values: (_, ticks) => ticks.map(angle) },
   ];
 }
 
@@ -120,7 +123,7 @@ function series(color, lines) {
 function driftOptions(color, offsets) {
   const wide = wideScale(offsets.looks);
   return {
-    cursor: { y: false }, axes: axes(color, true, Boolean(wide.distr)), scales: { x: { time: true }, y: wide },
+    cursor: { y: false }, axes: axes(color, true, Boolean(wide.distr)), scales: { x: { time: true, range: spread(120) }, y: wide.distr ? wide : { range: spread(2) } },
     series: [{ label: "UTC", value: (_, t) => (t === null ? "–" : new Date(t * 1000).toISOString().slice(11, 19)) }, ...series(color, true)],
     hooks: { drawClear: [(plot) => moments(plot, (offsets?.slew_ends ?? []).map((one) => Date.parse(one) / 1000), color.line)] },
   };
@@ -137,8 +140,15 @@ function residualOptions(color, time) {
   const first = time
     ? { label: "UTC", value: (_, t) => (t === null ? "–" : new Date(t * 1000).toISOString().slice(11, 19)) }
     : { label: "mag", value: (_, m) => (m === null ? "–" : m.toFixed(1)) };
-  return { cursor: { y: false }, axes: axes(color, time), scales: { x: { time } }, series: [first, ...series(color, false)] };
+  return { cursor: { y: false }, axes: axes(color, time), scales: { x: { time, range: spread(time ? 120 : 1) }, y: { range: spread(0.5) } }, series: [first, ...series(color, false)] };
 }
+
+/** A range that a single value gets room in, and none lies on the edge. */
+const spread = (least) => (_plot, low, high) => {
+  if (low === null || high === null) return [0, least];
+  const room = Math.max(0.06 * (high - low), (least - (high - low)) / 2, 0);
+  return [low - room, high + room];
+};
 
 function moments(plot, times, stroke) {
   const c = plot.ctx, { top, height, left, width } = plot.bbox;
@@ -156,6 +166,8 @@ function moments(plot, times, stroke) {
   c.restore();
 }
 
+const heightOf = (box) => Math.max(90, box.clientHeight - LEGEND_PX);
+
 function plotIn(box, empty) {
   let plot = null, last = [null, null];
   function show(data, options) {
@@ -170,12 +182,13 @@ function plotIn(box, empty) {
     if (width < 50) return;
     plot?.destroy();
     fill(box);
-    plot = new window.uPlot({ width, height: HEIGHT, ...options(colors()) }, data, box);
+    plot = new window.uPlot({ width, height: heightOf(box), ...options(colors()) }, data, box);
     plot.root.querySelector(".u-legend")?.setAttribute("aria-label", "Values under the pointer");
   }
   show.again = () => show(...last);
   new ResizeObserver(() => {
-    if (plot && Math.abs(plot.width - box.clientWidth) > 1 && box.clientWidth > 50) plot.setSize({ width: box.clientWidth, height: HEIGHT });
+    const changed = plot && (Math.abs(plot.width - box.clientWidth) > 1 || Math.abs(plot.height - heightOf(box)) > 1);
+    if (changed && box.clientWidth > 50) plot.setSize({ width: box.clientWidth, height: heightOf(box) });
     else if (!plot && last[0]) show.again();
   }).observe(box);
   return show;

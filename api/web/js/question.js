@@ -1,13 +1,17 @@
 // The one question before what destroys, or moves more than was seen: asked in the page, answered once.
 
 import { by, say } from "./elements.js";
+import { showPart } from "./parts.js";
 
 let asking = null;
 
 /** Ask, with the focus on Yes; `go` is called on Yes, and the focus goes back to the button that led here. */
-export function askOnce(words, opener, go) {
+export function askOnce(words, opener, go, yes = "Yes", no = "No") {
   asking = { opener, go };
   say(by("ask-words"), words);
+  say(by("ask-yes"), yes);
+  say(by("ask-no"), no);
+  showPart("orders"); // on a phone it stands there
   by("ask").hidden = false;
   by("ask-yes").focus();
 }
@@ -18,7 +22,7 @@ export function unask(toFocus = false) {
   const { opener } = asking;
   asking = null;
   by("ask").hidden = true;
-  if (toFocus) opener.focus();
+  if (toFocus) opener?.focus();
 }
 
 export function takeAnswers(observatory) {

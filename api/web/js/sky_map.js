@@ -1,7 +1,7 @@
 // The sky over the telescope: zenith in the middle, horizon round it, north up and east left, as one sees it looking up.
 
 import { by, drawn, element, fill, MONO, say } from "./elements.js";
-import { span } from "./angles.js";
+import { degrees, span } from "./angles.js";
 
 const RAD = Math.PI / 180;
 
@@ -258,7 +258,7 @@ function drawWays(c, color, sky, trail, { at, path }) {
 
 function describe(canvas, { sky, limits }) {
   const known = sky && sky.altitude_deg !== null;
-  say(by("sky-note"), known ? `alt ${sky.altitude_deg.toFixed(1)}° az ${sky.azimuth_deg.toFixed(1)}°` : "");
+  say(by("sky-note"), known ? `alt ${degrees(sky.altitude_deg)} az ${degrees(sky.azimuth_deg)}` : "");
   const words = ["Map of the sky"];
   if (known) words.push(`telescope at altitude ${sky.altitude_deg.toFixed(0)}, azimuth ${sky.azimuth_deg.toFixed(0)} degrees`);
   if (sky?.target) words.push(`target at altitude ${sky.target.altitude_deg.toFixed(0)}, azimuth ${sky.target.azimuth_deg.toFixed(0)} degrees`);

@@ -3,11 +3,12 @@
 import { by, say } from "./elements.js";
 import { lease as kept } from "./calls.js";
 import { clockOf, span } from "./angles.js";
+import { restWords } from "./headline.js";
 
 const DOING = {
   center: "Centering", slew: "Slewing", look: "Looking", sync: "Syncing", "sync-to": "Syncing", recover: "Recovering",
   "first-light": "First light",
-  offset: "Nudging", flip: "Flipping", park: "Parking", unpark: "Unparking", home: "Homing", solve: "Solving",
+  offset: "Nudging", "set-park": "Park position set", hold: "Holding", dither: "Dithering", rotate: "Rotating", mosaic: "Mosaic", "spiral-search": "Searching", "forget-rates": "Forgetting rates", flip: "Flipping", park: "Parking", unpark: "Unparking", home: "Homing", solve: "Solving",
   follow: "Following", "offset-rates": "Rates set", "move-axis": "Moved by hand",
   series: "Looking again", "model-run": "Model run", tracking: "Tracking set", trust: "Trusting", "set-site-time": "Site and time set", "accept-site-time": "Accepting", guide: "Guiding",
 };
@@ -25,6 +26,8 @@ export function stateWords(state, job, lease = null) {
   if (state.trusted === false) detail.push("position not trusted");
   if (state.problem) detail.push(state.problem);
   if (lease) detail.push(`held by ${lease.holder}`);
+  const rest = restWords(state);
+  if (!state.job_id && rest && state.tracking !== true) detail.push(rest);
   const say = (word, tone) => ({ word, tone, detail: detail.join(" · ") });
   if (state.job_id) return say(DOING[running?.kind] ?? (state.slewing ? "Slewing" : "Busy"), "busy");
   if (state.slewing) return say("Slewing", "busy");
@@ -47,6 +50,7 @@ export function showStateLine(observatory) {
       : stateWords(observatory.state, observatory.job, other);
     say(by("state-word"), word);
     say(by("state-detail"), detail);
+    by("state-detail").title = detail;
     document.body.dataset.tone = tone;
     document.title = observatory.id ? `${word} · ${observatory.id}` : "mountnav";
   }
@@ -71,7 +75,7 @@ export function showStateLine(observatory) {
     const { health } = observatory;
     const virtual = health?.virtual;
     by("virtual").hidden = !virtual;
-    if (virtual) say(by("virtual"), `Virtual observatory: fake mount, drawn sky, time runs ${virtual.speed}×.`);
+    if (virtual) say(by("virtual"), `Virtual observatory: fake mount, drawn sky, time runs ${virtual.speed}×`);
     if (health) say(by("version"), `mountnav ${health.version}`);
   });
   show();

@@ -3,6 +3,7 @@
 import { dropOrders, headersWithKey } from "./calls.js";
 import { by, element, fill } from "./elements.js";
 import { clockOf } from "./angles.js";
+import { restWords } from "./headline.js";
 import { unask } from "./question.js";
 
 const TWICE_MS = 1500;
@@ -53,7 +54,8 @@ export function takeStop(observatory) {
     dropOrders(path === ALL ? null : observatory.id);
     observatory.tell("stopping"); // no key moves anything from here on
     unask();
-    const began = clockOf(new Date());
+    const clock = () => clockOf(observatory.now() ?? Date.now()); // the service's, once it was heard
+    const began = clock();
     let silent = false;
     const missed = () => (silent ? "NO ANSWER, not certain that it stopped" : "NOT SENT, no connection");
     told("warn", `STOP ${who}: sending …`);
@@ -79,8 +81,11 @@ export function takeStop(observatory) {
           continue;
         }
         if (response.ok) {
-          told("good", `STOP ${who}: told the mount at ${clockOf(new Date())} UTC.`);
+          const at = observatory.now() ?? Date.now();
+          const ids = path === ALL ? observatory.telescopes.map((one) => one.id) : [who];
           observatory.soon("jobs", 0);
+          observatory.wantsFleet = true;
+          settle(ids, at, counts, (tone, words) => told(tone, `STOP ${who}: told the mount${ids.length > 1 ? "s" : ""} at ${began} UTC${words}`));
           return;
         }
         const words = [answer.detail, answer.advice].filter(Boolean).join(": ") || `HTTP ${response.status}`;
@@ -95,6 +100,24 @@ export function takeStop(observatory) {
       await new Promise((done) => setTimeout(done, PAUSE_MS));
     }
     if (counts()) told("bad", `STOP ${who}: ${missed()}. ${TRIES} tries since ${began} UTC came to nothing. Use the mount's own hand control.`);
+  }
+
+  /** Follow what was told until it is seen at rest, by readings that came after the stop. */
+  function settle(ids, at, counts, told) {
+    let over = false;
+    const look = () => {
+      if (over || !counts()) return;
+      const words = ids.map((id) => {
+        const state = id === observatory.id ? observatory.state : observatory.fleet.find((one) => one.id === id);
+        const fresh = state?.read_utc && Date.parse(state.read_utc) > at;
+        return fresh ? restWords(state) ?? "stopping …" : state?.connected === false ? "not connected" : "stopping …";
+      });
+      over = !words.includes("stopping …");
+      told(over ? "good" : "warn", ids.length > 1 ? `: ${ids.map((id, i) => `${id} ${words[i]}`).join("; ")}.` : `; ${words[0]}${over ? "." : ""}`);
+      if (over) observatory.wantsFleet = false;
+    };
+    for (const topic of ["state", "fleet"]) observatory.on(topic, look);
+    look();
   }
 
   const stop = () => {

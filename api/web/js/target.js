@@ -2,7 +2,7 @@
 
 import { get, Refused } from "./calls.js";
 import { by, element, fill, say } from "./elements.js";
-import { dms, hms, readTarget, span } from "./angles.js";
+import { degrees, dms, hms, readTarget, span } from "./angles.js";
 
 const TYPING_MS = 250;
 
@@ -142,7 +142,7 @@ export function takeTarget(observatory, give) {
     if (!asked) return;
     if (Math.abs(asked.place.dec_deg - observatory.asked.dec_deg) > 1e-6 || Math.abs(asked.place.ra_deg - observatory.asked.ra_deg) > 1e-6) return;
     tellOfSky = asked.allowed
-      ? `Now at altitude ${asked.altitude_deg.toFixed(0)}°; ${asked.ahead ? `${asked.ahead.limit} limit in ${span(asked.ahead.after_s)}` : "no limit in 12 h"}.`
+      ? `Now at altitude ${degrees(asked.altitude_deg)}; ${asked.ahead ? `${asked.ahead.limit} limit in ${span(asked.ahead.after_s)}` : "no limit in 12 h"}.`
       : `Not now: ${asked.why}.`;
     said.classList.toggle("warn-text", !asked.allowed);
     show();
