@@ -88,7 +88,8 @@ def begin_log(form: LogForm = "auto", level: str = "info", stream: TextIO | None
         root.removeHandler(old)
     root.addHandler(handler)
     root.setLevel(level.upper())
-    # each of its requests to a mount by Alpaca is a line otherwise
+    logging.captureWarnings(True)
+    # each request to a mount by Alpaca is a line otherwise, and the address of a webhook is a secret
     for chatty in ("httpx", "httpcore", "alembic"):
         logging.getLogger(chatty).setLevel(max(logging.WARNING, root.level))
     return handler
