@@ -112,6 +112,8 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         settings_text=json.dumps(masked_settings(settings), indent=1),
         fsync=settings.journal.fsync,
         keep_days=settings.journal.keep_days,
+        looks_keep_days=settings.journal.looks_keep_days,
+        audit_keep_days=settings.journal.audit_keep_days,
         max_size_mb=settings.journal.max_size_mb,
         # a mount that slews from before must be stopped all the same
         patient=True,

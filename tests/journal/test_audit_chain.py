@@ -410,3 +410,22 @@ def test_the_command_line_proves_and_names(copy: Path, tmp_path: Path) -> None:
     code, told = run()
     assert (code, "no key is at hand" in told) == (1, True)
     assert datetime.now(UTC) > at(0)
+
+
+def test_looks_and_audits_may_be_kept_for_other_times(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(upkeep, "utc_now", lambda: at(0) + timedelta(days=50))
+    engine = connectable(database_url(copy), "write")
+    for thinning, left in (
+        (Thinning(1.0, 0.0, KEY, "run", audit_keep_days=0.0), 9),
+        (Thinning(1.0, 0.0, KEY, "run", audit_keep_days=60.0), 9),
+        (Thinning(0.0, 0.0, KEY, "run", looks_keep_days=1.0), 9),
+        (Thinning(0.0, 0.0, KEY, "run", audit_keep_days=40.0), 1),
+    ):
+        assert thinning.wanted
+        more = True
+        while more:
+            with engine.begin() as connection:
+                more = thinning.step(connection)
+        assert proof(copy).rows == left
+    assert not Thinning(0.0, 0.0, audit_keep_days=0.0).wanted
+    engine.dispose()

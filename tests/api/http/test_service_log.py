@@ -23,10 +23,15 @@ from api.http.service_log import begin_log, form_for
 def root() -> Iterator[logging.Logger]:
     """The root logger, as it was."""
     logger = logging.getLogger()
-    handlers, level = list(logger.handlers), logger.level
+    handlers, level, factory = list(logger.handlers), logger.level, logging.getLogRecordFactory()
+    quiet = {name: logging.getLogger(name).level for name in ("httpx", "httpcore", "alembic")}
     yield logger
     logger.handlers[:] = handlers
     logger.setLevel(level)
+    logging.setLogRecordFactory(factory)
+    logging.captureWarnings(False)
+    for name, before in quiet.items():
+        logging.getLogger(name).setLevel(before)
 
 
 def _fault() -> None:
