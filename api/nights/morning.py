@@ -14,6 +14,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -141,9 +142,12 @@ class MorningPosts:
         for way in ways:
             task = waited_for(self._send(way, night, reports, words), f"{_WHAT} to {way}")
             self._under_way[way, night] = task
-            task.add_done_callback(lambda _, key=(way, night): self._under_way.pop(key, None))
+            task.add_done_callback(partial(self._over, (way, night)))
             begun_now.append(task)
         return begun_now
+
+    def _over(self, which: tuple[str, str], _: object) -> None:
+        self._under_way.pop(which, None)
 
     async def _look(self) -> None:
         while True:
