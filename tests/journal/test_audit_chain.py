@@ -276,7 +276,7 @@ def test_a_clock_set_ahead_empties_no_journal(copy: Path, monkeypatch: pytest.Mo
     assert proof(copy).rows == 9
 
 
-def _old_journal(path: Path, rows: int) -> None:
+def _old_journal(path: str | Path, rows: int) -> None:
     """A journal of version 3 with an audit."""
     open_journal(path).close()
     engine = connectable(database_url(path), "write")
@@ -358,6 +358,12 @@ def test_two_services_write_one_server(postgresql: str) -> None:
         fault = proof(postgresql).fault
         assert fault is not None
         assert fault.row_id == 17
+        emptied()
+        # rows of before are chained there as in a file, and read back the same
+        _old_journal(postgresql, 3)
+        write(postgresql, range(3, 5))
+        found = proof(postgresql)
+        assert (found.fault, found.rows, found.sealed, found.unproven) == (None, 5, 2, ("rows 1 to 3",))
     finally:
         # other tests have the same server
         emptied()
