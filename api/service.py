@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import logging
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,6 +19,7 @@ from api.events import Events
 from api.leases.leases import Leases
 from api.listeners.listeners import Listeners
 from api.metrics import Metrics, Observed
+from api.nights.morning import MorningPosts
 from api.nights.nights import Nights, nights_of
 from api.observatory.observatory import Observatory, Telescope, build_observatory
 from api.orders.dispatcher import Dispatcher, preempt
@@ -34,6 +36,7 @@ from mountnav.journal.audit_chain import open_audit_key
 from mountnav.journal.job_store import JobStore
 from mountnav.journal.sql_journal import SqlJournal, open_journal
 from mountnav.settings.observatory import Settings
+from mountnav.settings.secrets import masked_settings
 from mountnav.solving.settings import SolveSettings
 
 _log = logging.getLogger(__name__)
@@ -62,6 +65,7 @@ class Service:
     restored: RestoredState
     listeners: Listeners = field(default_factory=lambda: Listeners({}))
     keys: KeyStore | None = None
+    mornings: MorningPosts | None = None
     _halted: bool = False
 
     def solve_settings(self, telescope_id: str | None) -> SolveSettings:
@@ -77,6 +81,8 @@ class Service:
         self._halted = True
         await self.restored.close()
         await self.listeners.stop()
+        if self.mornings is not None:
+            await self.mornings.close()
         # a night's correction ends before the mount is let go, and all of it is written down
         await self.nights.close()
         await self.leases.close()
@@ -103,9 +109,11 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     journal = await asyncio.to_thread(
         open_journal,
         settings.journal.where,
-        settings_text=settings.model_dump_json(indent=1),
+        settings_text=json.dumps(masked_settings(settings), indent=1),
         fsync=settings.journal.fsync,
         keep_days=settings.journal.keep_days,
+        looks_keep_days=settings.journal.looks_keep_days,
+        audit_keep_days=settings.journal.audit_keep_days,
         max_size_mb=settings.journal.max_size_mb,
         # a mount that slews from before must be stopped all the same
         patient=True,
@@ -178,6 +186,8 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     await asyncio.to_thread(_tell_audit, journal, "begins")
     metrics = Metrics(Observed(dispatcher, jobs, events, leases, journal))
     metrics.start()
+    mornings = MorningPosts(settings, journal, events.publish)
+    mornings.start()
     return Service(
         settings,
         catalog,
@@ -192,6 +202,7 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         audit,
         metrics,
         restored,
+        mornings=mornings,
     )
 
 

@@ -41,6 +41,7 @@ Until = Annotated[
 _SPAN = re.compile(r"([0-9]{1,6})\s*(m|h|d|w|y)?")
 _UNITS = {"m": "minutes", "h": "hours", "d": "days", "w": "weeks"}
 _YEAR_DAYS = 365
+"""Days of a year, as people count when they give a key for one. Doubled, such keys last twice as long."""
 
 
 @key_app.command()

@@ -11,13 +11,17 @@ import typer
 
 from api.cli.options import Json, config_option
 from api.cli.output import print_json
+from mountnav.errors import BadRequest
 
 if TYPE_CHECKING:
     from api.replay.replaying import Played
 
 
 def replay(
-    file: Annotated[Path, typer.Argument(help="A recording, as night.record writes them.")],
+    file: Annotated[
+        Path,
+        typer.Argument(help="A recording, as night.record writes them, or a bundle (`report --bundle`)."),
+    ],
     speed: Annotated[
         float, typer.Option(min=0, help="Seconds of the night in one of yours; 0: as fast as it goes.")
     ] = 0.0,
@@ -32,21 +36,79 @@ def replay(
         Path | None, config_option("Other settings: what would have been decided by them?")
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Also show what was decided the same.")] = False,
+    night: Annotated[
+        str | None, typer.Option(help="Of a bundle: only this recording, such as east-2026-11-25.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Decide a recorded night once more from what each decision hung on, and compare. Touches no mount.
 
     Exit code 0 if everything was decided as it was then, 1 if not, 2 if the file is no recording.
     """
+    from api.bundle.form import is_bundle
     from api.replay.replaying import play
     from mountnav.night.recording import read_recording
 
+    if is_bundle(file):
+        _replay_bundle(file, night, speed, solve, wire, config, every, as_json)
+        return
+    if night is not None:
+        raise BadRequest("--night is for bundles", device=str(file), advice="leave it out")
     played = play(read_recording(file), speed=speed, solve=solve, wire=wire, config=config)
     if as_json:
         print_json(replay_record(played), indent=1)
     else:
         sys.stdout.write(shown(played, every=every))
     raise typer.Exit(0 if played.report.same else 1)
+
+
+def _replay_bundle(
+    file: Path,
+    night: str | None,
+    speed: float,
+    solve: bool,
+    wire: bool,
+    config: Path | None,
+    every: bool,
+    as_json: bool,
+) -> None:
+    """Tell what a bundle holds, and play its recordings."""
+    from api.bundle.form import open_bundle
+    from api.replay.replaying import play
+    from mountnav.night.recording import read_recording
+
+    same = True
+    with open_bundle(file) as bundle:
+        recordings = {
+            name.removesuffix(".jsonl"): path
+            for name, path in bundle.recordings.items()
+            if night is None or night in (name, name.removesuffix(".jsonl"))
+        }
+        if not recordings:
+            names = ", ".join(bundle.recordings) or "none: night.record was not set, or nothing was recorded"
+            raise BadRequest(
+                "the bundle holds no such recording of a night",
+                device=str(file),
+                advice=f"there is: {names}; journal.jsonl and wire/ in it can be read as they are",
+            )
+        told = {}
+        for name, path in recordings.items():
+            played = play(read_recording(path), speed=speed, solve=solve, wire=wire, config=config)
+            same = same and played.report.same
+            if as_json:
+                told[name] = replay_record(played)
+            else:
+                made = bundle.manifest.get("mountnav"), bundle.manifest.get("made_utc")
+                sys.stdout.write(_plain(f"{name} (mountnav {made[0]}, bundle of {made[1]})") + "\n")
+                sys.stdout.write(shown(played, every=every))
+        if as_json:
+            print_json({"bundle": bundle.manifest, "recordings": told}, indent=1)
+    raise typer.Exit(0 if same else 1)
+
+
+def _plain(text: str) -> str:
+    """For a terminal: names in a bundle are a stranger's."""
+    return "".join(letter if letter.isprintable() else "\ufffd" for letter in text[:300])
 
 
 def replay_record(played: Played) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Literal, TextIO
 
-from mountnav.masking import masked
+from mountnav.masking import mask_logs, masked
 
 __all__ = ["JournaldLines", "JsonLines", "PlainLines", "begin_log", "form_for"]
 
@@ -80,6 +80,7 @@ def begin_log(form: LogForm = "auto", level: str = "info", stream: TextIO | None
     stream : file, optional
         Instead of the standard error.
     """
+    mask_logs()
     handler = logging.StreamHandler(stream or sys.stderr)
     formatters = {"text": PlainLines, "json": JsonLines, "journald": JournaldLines}
     handler.setFormatter(formatters[form_for(form, handler.stream)]())
@@ -88,7 +89,8 @@ def begin_log(form: LogForm = "auto", level: str = "info", stream: TextIO | None
         root.removeHandler(old)
     root.addHandler(handler)
     root.setLevel(level.upper())
-    # each of its requests to a mount by Alpaca is a line otherwise
+    logging.captureWarnings(True)
+    # each request to a mount by Alpaca is a line otherwise, and the address of a webhook is a secret
     for chatty in ("httpx", "httpcore", "alembic"):
         logging.getLogger(chatty).setLevel(max(logging.WARNING, root.level))
     return handler
@@ -106,7 +108,8 @@ def _words(formatter: logging.Formatter, record: logging.LogRecord) -> str:
 
 def _fault(formatter: logging.Formatter, record: logging.LogRecord) -> str | None:
     if record.exc_text:
-        return record.exc_text
+        # another handler may have made it
+        return masked(record.exc_text)
     if record.exc_info and record.exc_info[0] is not None:
         return masked(formatter.formatException(record.exc_info))
     return None

@@ -240,6 +240,8 @@ def readiness(service: Service) -> Readiness:
     for one in telescopes:
         if one.is_open and (words := one.navigator.mount.contradiction) is not None:
             concerns.append(f"{one.id}: mount and settings contradict each other, nothing is slewed: {words}")
+    if service.mornings is not None:
+        concerns.extend(service.mornings.failed.values())
     if service.keys is not None:
         concerns.extend(service.keys.concerns())
     warning = iers_status().warning

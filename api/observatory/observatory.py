@@ -312,7 +312,11 @@ def _build(
     if one.night.enabled and one.night.record is not None:
         site = settings.site.site
         recording = NightRecording(
-            one.night.record, recording_header(one, settings), lambda utc: night_name(one.id, utc, site)
+            one.night.record,
+            recording_header(one, settings),
+            lambda utc: night_name(one.id, utc, site),
+            keep_days=one.night.record_keep_days,
+            max_mb=one.night.record_max_mb,
         )
         journal = RecordedJournal(journal, recording.keep)
     seen = LastFrame(solve)

@@ -7,20 +7,22 @@ from typing import Any
 
 from mountnav import __version__
 from mountnav.settings.observatory import Settings
+from mountnav.settings.secrets import masked_settings
 from mountnav.settings.telescope import TelescopeSettings
 
 
 def recording_header(telescope: TelescopeSettings, settings: Settings) -> dict[str, Any]:
     """The header of a telescope's night, as JSON values.
 
-    Neither the service's token nor the journal's address is among them: recordings are handed to others.
+    Neither the service's and the report's tables nor the journal's address are among them, and of the others
+    no secret: recordings are handed to others.
     """
     kept = settings.model_copy(update={"telescope": (telescope,)})
     return {
         "telescope": telescope.id,
         "mountnav": __version__,
         "begun_utc": datetime.now(UTC).isoformat(),
-        "settings": kept.model_dump(mode="json", exclude={"service", "journal"}, exclude_none=True),
+        "settings": masked_settings(kept, exclude={"service", "journal", "report"}, exclude_none=True),
     }
 
 

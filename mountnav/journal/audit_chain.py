@@ -291,7 +291,7 @@ def chain_old_rows(connection: Connection) -> int:
         if not rows:
             break
         for row in rows:
-            head = AuditHead(head.chain_no + 1, row_sha256(head.sha256, head.chain_no + 1, row))
+            head = AuditHead(head.chain_no + 1, row_sha256(head.sha256, head.chain_no + 1, dict(row)))
             chained = {"chain_no": head.chain_no, "sha256": head.sha256}
             connection.execute(update(audit).where(audit.c.row_id == row["row_id"]).values(chained))
         last_id = rows[-1]["row_id"]
@@ -359,7 +359,7 @@ def _leave_gap(
     columns = audit_gap.c
     near = select(audit_gap).where((columns.last_no == first_no - 1) | (columns.first_no == last_no + 1))
     for one in connection.execute(near.order_by(columns.first_no)).mappings().all():
-        if _gap_holds(one, [] if key is None else [key]) is not (None if key is None else True):
+        if _gap_holds(dict(one), [] if key is None else [key]) is not (None if key is None else True):
             # it is left as it is, for the proof to judge
             continue
         first_no = min(first_no, one["first_no"])
@@ -489,7 +489,7 @@ class _Walk:
         while True:
             query = select(*columns).where(audit.c.chain_no > last).order_by(audit.c.chain_no, audit.c.row_id)
             rows = self._connection.execute(query.limit(_AT_ONCE)).mappings().all()
-            yield from rows
+            yield from map(dict, rows)
             if len(rows) < _AT_ONCE:
                 return
             last = rows[-1]["chain_no"]

@@ -54,6 +54,8 @@ def open_journal(
     max_size_mb: float = 0.0,
     patient: bool = False,
     audit_key: AuditKey | None = None,
+    looks_keep_days: float | None = None,
+    audit_keep_days: float | None = None,
 ) -> SqlJournal:
     """Open a journal for writing, made or brought up to date if need be. Blocks: call it in a thread.
 
@@ -77,6 +79,8 @@ def open_journal(
         is possible: tried each second.
     audit_key : AuditKey, optional
         What seals the audit's rows.
+    looks_keep_days, audit_keep_days : float, optional
+        As `keep_days`, for these alone.
 
     Raises
     ------
@@ -108,7 +112,13 @@ def open_journal(
         url,
         inline=inline,
         fsync=fsync,
-        thinning=Thinning(keep_days, max_size_mb, audit_key=audit_key),
+        thinning=Thinning(
+            keep_days,
+            max_size_mb,
+            audit_key=audit_key,
+            looks_keep_days=looks_keep_days,
+            audit_keep_days=audit_keep_days,
+        ),
         prepare=None if opened else prepare,
         audit_key=audit_key,
     )

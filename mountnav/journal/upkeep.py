@@ -233,12 +233,16 @@ class Thinning:
         What seals gaps of the audit.
     run_id : str
         Of the run that removes.
+    looks_keep_days, audit_keep_days : float or None
+        The same as `keep_days` for these alone; None: that.
     """
 
     keep_days: float = 0.0
     max_size_mb: float = 0.0
     audit_key: AuditKey | None = None
     run_id: str = ""
+    looks_keep_days: float | None = None
+    audit_keep_days: float | None = None
     clock_s: Callable[[], float] = time.monotonic
     _next_s: float = 0.0
     _audits: int = 0
@@ -247,20 +251,35 @@ class Thinning:
     @property
     def wanted(self) -> bool:
         """Whether anything is ever removed."""
-        return self.keep_days > 0 or self.max_size_mb > 0
+        return self.max_size_mb > 0 or any(
+            days > 0 for days in (self.keep_days, self._looks_days, self._audit_days)
+        )
+
+    @property
+    def _looks_days(self) -> float:
+        return self.keep_days if self.looks_keep_days is None else self.looks_keep_days
+
+    @property
+    def _audit_days(self) -> float:
+        return self.keep_days if self.audit_keep_days is None else self.audit_keep_days
 
     def step(self, connection: Connection) -> bool:
         """Remove a little; return whether there is more to remove now."""
         if self.clock_s() < self._next_s:
             return False
         removed = 0
-        if self.keep_days > 0:
-            limit = self._now() - timedelta(days=self.keep_days)
+        now = self._now()
+        if self._looks_days > 0:
+            limit = now - timedelta(days=self._looks_days)
             removed += _remove(connection, look, look.c.row_id, look.c.utc < limit)
+        if self.keep_days > 0:
+            limit = now - timedelta(days=self.keep_days)
             removed += _remove(connection, entry, entry.c.row_id, entry.c.utc < limit, _passing(connection))
             over = job.c.finished_utc.is_not(None)
             removed += _remove(connection, job, job.c.job_id, job.c.created_utc < limit, over)
-            why = f"older than {self.keep_days:g} days"
+        if self._audit_days > 0:
+            limit = now - timedelta(days=self._audit_days)
+            why = f"older than {self._audit_days:g} days"
             removed += self._remove_audits(connection, why, audit.c.utc < limit)
         if removed == 0 and self.max_size_mb > 0 and _size_of_file_mb(connection) > self.max_size_mb:
             removed += _remove(connection, look, look.c.row_id)
@@ -296,7 +315,7 @@ class Thinning:
         """Write into the audit how many of its rows were removed since the last such row."""
         if not self._audits:
             return
-        told = {"rows": self._audits, "keep_days": self.keep_days, "max_size_mb": self.max_size_mb}
+        told = {"rows": self._audits, "keep_days": self._audit_days, "max_size_mb": self.max_size_mb}
         row = AuditRow(
             *(utc_now(), "", "the service", "configure", "service", "", "audit-thinned", told, "taken")
         )

@@ -10,7 +10,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
-from datetime import datetime
+from datetime import datetime, timedelta
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,8 @@ _log = logging.getLogger(__name__)
 
 VERSION = 2
 """1 did not hold what decisions hang on: played again, they differed."""
+_DATE_LETTERS = 10
+"""Of 2026-11-25, at the end of a night's name."""
 MOST_WAITING = 100_000
 """So many lines may wait for a disk that is slow or full; more are dropped, and that is reported. Chosen by
 hand. Doubled, so is the memory that a full disk may cost."""
@@ -49,12 +51,23 @@ class NightRecording:
     header : mapping
         Who and where: JSON values, or values of ours.
     name_of : callable
-        Names the night of an instant; the file's name.
+        Names the night of an instant; the file's name: what it is of, a dash, and the evening's date.
+    keep_days : float
+        Nights of the same that are older are removed when another begins; 0 keeps all.
+    max_mb : float
+        The oldest of them are removed while all together have more; 0 for no bound.
     """
 
     def __init__(
-        self, folder: Path, header: Mapping[str, object], name_of: Callable[[datetime], str]
+        self,
+        folder: Path,
+        header: Mapping[str, object],
+        name_of: Callable[[datetime], str],
+        *,
+        keep_days: float = 0.0,
+        max_mb: float = 0.0,
     ) -> None:
+        self._keep_days, self._max_mb = keep_days, max_mb
         self._folder = folder
         self._header = dict(header)
         self._name_of = name_of
@@ -105,6 +118,7 @@ class NightRecording:
                         torn = _is_torn(path)
                         file = path.open("a", encoding="utf-8", buffering=1)
                         name = item[0]
+                        self._thin(path)
                         if torn:
                             file.write("\n")
                         file.write(
@@ -118,6 +132,29 @@ class NightRecording:
         finally:
             if file is not None:
                 file.close()
+
+    def _thin(self, present: Path) -> None:
+        """Remove nights that are too old or too many; the present one, and what isn't ours, stays."""
+        date = present.stem[-_DATE_LETTERS:]
+        try:
+            evening = datetime.fromisoformat(date)
+        except ValueError:  # it is named otherwise: nothing of it can be told apart
+            return
+        beside = self._folder.glob(f"{present.stem[:-_DATE_LETTERS]}????-??-??.jsonl")
+        others = sorted(path for path in beside if path != present)
+        if self._keep_days > 0:
+            first = (evening - timedelta(days=self._keep_days)).date().isoformat()
+            for path in others:
+                if path.stem[-_DATE_LETTERS:] < first:
+                    path.unlink(missing_ok=True)
+        if self._max_mb > 0:
+            left = [path for path in others if path.exists()]
+            size = sum(path.stat().st_size for path in left)
+            for path in left:
+                if size <= self._max_mb * 1e6:
+                    break
+                size -= path.stat().st_size
+                path.unlink(missing_ok=True)
 
     def _trouble(self, told: str) -> None:
         if not self.problem:

@@ -28,6 +28,8 @@ class JournalSettings(Section):
     max_size_mb : float
         When a file of SQLite holds more than this, the oldest looks and passing notes are removed; 0 for no
         bound. A look takes about 0.7 kB, a command 0.6 kB.
+    looks_keep_days, audit_keep_days : float or None
+        The same for looks, and for the audit, where they are to be kept for another time; 0 keeps all.
     fsync : {"commands", "always", "never"}
         What must be on the disk itself before it counts as written. Nothing is lost when the process is
         killed; a power cut or a crash of the machine can lose what the operating system still held:
@@ -40,6 +42,8 @@ class JournalSettings(Section):
 
     url: str = Field(default="", max_length=1000)
     keep_days: float = Field(default=1100.0, ge=0, le=100_000)
+    looks_keep_days: float | None = Field(default=None, ge=0, le=100_000)
+    audit_keep_days: float | None = Field(default=None, ge=0, le=100_000)
     max_size_mb: float = Field(default=4096.0, ge=0, le=1_000_000)
     fsync: Literal["commands", "always", "never"] = "commands"
     audit_key_file: Path | None = None

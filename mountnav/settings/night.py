@@ -82,7 +82,11 @@ class NightSettings(Section):
     frames_waiting : int
         Frames that may wait to be identified; more are refused, and read from the folder later.
     record : Path or None
-        Folder for recordings, which `mountnav replay` reads; one file a night.
+        Folder for recordings, which `mountnav replay` reads; one file a night, with the wire of the mount.
+    record_keep_days : float
+        Recordings of this telescope that are older are removed when a new one begins; 0 keeps all.
+    record_max_mb : float
+        The oldest of them are removed when all together have more; 0 for no bound.
     """
 
     enabled: bool = False
@@ -115,6 +119,8 @@ class NightSettings(Section):
     read_mount_every_s: float = Field(default=2.0, gt=0, le=60)
     frames_waiting: int = Field(default=50, ge=1, le=10000)
     record: Path | None = None
+    record_keep_days: float = Field(default=0.0, ge=0, le=100_000)
+    record_max_mb: float = Field(default=0.0, ge=0, le=100_000_000)
 
     @model_validator(mode="after")
     def _begins_before_it_ends(self) -> Self:

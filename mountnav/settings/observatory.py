@@ -25,6 +25,7 @@ from mountnav.settings.faces import (
     StellariumSettings,
 )
 from mountnav.settings.journal import JournalSettings
+from mountnav.settings.report import ReportSettings
 from mountnav.settings.section import Section
 from mountnav.settings.service import ServiceSettings
 from mountnav.settings.solving import SolvingSettings
@@ -95,6 +96,7 @@ class Settings(Section):
     catalogs: CatalogsSettings = CatalogsSettings()
     ephemerides: EphemeridesSettings = EphemeridesSettings()
     journal: JournalSettings = JournalSettings()
+    report: ReportSettings = ReportSettings()
     alpaca: AlpacaSettings = AlpacaSettings()
     indi_server: IndiServerSettings = IndiServerSettings()
     lx200_server: Lx200ServerSettings = Lx200ServerSettings()

@@ -276,7 +276,7 @@ def test_a_clock_set_ahead_empties_no_journal(copy: Path, monkeypatch: pytest.Mo
     assert proof(copy).rows == 9
 
 
-def _old_journal(path: Path, rows: int) -> None:
+def _old_journal(path: str | Path, rows: int) -> None:
     """A journal of version 3 with an audit."""
     open_journal(path).close()
     engine = connectable(database_url(path), "write")
@@ -358,6 +358,12 @@ def test_two_services_write_one_server(postgresql: str) -> None:
         fault = proof(postgresql).fault
         assert fault is not None
         assert fault.row_id == 17
+        emptied()
+        # rows of before are chained there as in a file, and read back the same
+        _old_journal(postgresql, 3)
+        write(postgresql, range(3, 5))
+        found = proof(postgresql)
+        assert (found.fault, found.rows, found.sealed, found.unproven) == (None, 5, 2, ("rows 1 to 3",))
     finally:
         # other tests have the same server
         emptied()
@@ -410,3 +416,22 @@ def test_the_command_line_proves_and_names(copy: Path, tmp_path: Path) -> None:
     code, told = run()
     assert (code, "no key is at hand" in told) == (1, True)
     assert datetime.now(UTC) > at(0)
+
+
+def test_looks_and_audits_may_be_kept_for_other_times(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(upkeep, "utc_now", lambda: at(0) + timedelta(days=50))
+    engine = connectable(database_url(copy), "write")
+    for thinning, left in (
+        (Thinning(1.0, 0.0, KEY, "run", audit_keep_days=0.0), 9),
+        (Thinning(1.0, 0.0, KEY, "run", audit_keep_days=60.0), 9),
+        (Thinning(0.0, 0.0, KEY, "run", looks_keep_days=1.0), 9),
+        (Thinning(0.0, 0.0, KEY, "run", audit_keep_days=40.0), 1),
+    ):
+        assert thinning.wanted
+        more = True
+        while more:
+            with engine.begin() as connection:
+                more = thinning.step(connection)
+        assert proof(copy).rows == left
+    assert not Thinning(0.0, 0.0, audit_keep_days=0.0).wanted
+    engine.dispose()
