@@ -21,7 +21,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -185,8 +185,9 @@ def run(
     errors: PointingErrors = GOOD,
     settled_s: float = 90.0,
     seed: int = 0,
+    finder: bool = False,
 ) -> Run:
-    """Follow a target on a fake mount of a family."""
+    """Follow a target on a fake mount of a family; with a camera that sees stars in moments, if `finder`."""
     clock = VirtualClock(START)
     done = Run()
     protocol, _, dialect = family.partition("/")
@@ -207,6 +208,8 @@ def run(
             link = Link(MemoryLine(fake, clock, log), Patience(), log)
             mount = GenericMount(_LANGUAGES[protocol](link, dialect or None), timing=Timing(), site=SITE)
         through = SeenThrough(scale_arcsec_px=1.5)
+        if finder:
+            through = SeenThrough(scale_arcsec_px=6.0, usual_exposure_s=0.3)
         script = SkyScript(seed=seed)
         navigator = Navigator(
             equip(
@@ -216,7 +219,7 @@ def run(
                 catalog=embedded_catalog(),
                 site=SITE,
                 air=AIR,
-                policy=POLICY,
+                policy=replace(POLICY, scale_arcsec_px=through.scale_arcsec_px),
                 listen=lambda *_: None,
                 solve=SkySeen(script, clock, through),
                 journal=MemoryJournal(),
