@@ -1181,7 +1181,7 @@ class Following:
             out = self._out_of_play(found.mid_exposure_utc)
             if out is None:
                 judged = self._judgement_of(in_play=True)
-            elif self._leg[0].utc < out:
+            elif self._leg[0].utc < out and self._judgement_of(in_play=True).verdict == "too-early":
                 # those before tell of the play, too
                 self._leg = [one for one in self._leg if one.utc >= out] or self._leg[-1:]
                 judged = self._judgement_of()

@@ -665,6 +665,15 @@ class _Evidence:
             return 0.0
         return min(seen, seen - kept, key=abs) if self.in_play else seen - kept
 
+    def dec_lags(self) -> bool:
+        """Whether the declination was seen to go more slowly than ordered, or not at all: as in its play."""
+        if self.seen is None:
+            return False
+        ordered = self.ordered.dec_arcsec_s
+        went = math.copysign(1.0, ordered) * (self.seen.rates.dec_arcsec_s - self.drift.dec_arcsec_s)
+        loose = WITHIN_SIGMAS * math.hypot(math.sqrt(self.variance[1]), self._error(_RIGHT, self.ordered)[1])
+        return -loose < went < abs(ordered) - loose
+
     def _error(self, law: _Law, kept: OffsetRates) -> tuple[float, float]:
         """What may be off under a law besides noise: rounding, scale, axes that aren't the sky's."""
         east, north = abs(kept.ra_arcsec_s) * self.cosine, abs(kept.dec_arcsec_s)
@@ -769,7 +778,7 @@ def judge_rates(
     if not looks:
         return RatesJudgement("too-early", None, "no look yet", 0.0)
     seen = rates_of(looks, ordered, time_sigma_s=doubts.time_sigma_s)
-    evidence = replace(_evidence(ordered, looks, seen, drift, doubts), in_play=in_play)
+    evidence = _evidence(ordered, looks, seen, drift, doubts)
     off = evidence.sigmas(_RIGHT)
     if seen is None and not evidence.trails:
         return RatesJudgement("too-early", None, "one look, and no trail that could be measured", off)
@@ -779,8 +788,21 @@ def judge_rates(
     told = evidence.told()
     if off <= RIGHT_SIGMAS:
         return _no_fault(evidence, seen, off, told)
+    if in_play and evidence.dec_lags():
+        return _lagging(replace(evidence, in_play=True), seen, off, looks[-1].side)
     near = [law for law in _LAWS if evidence.sigmas(law) <= WITHIN_SIGMAS]
     return _named(evidence, seen, off, evidence.reduced(near), looks[-1].side, kept_before, since)
+
+
+def _lagging(evidence: _Evidence, seen: SeenRates | None, off: float, side: PierSide) -> RatesJudgement:
+    """Judge right ascension alone, and no fault that no order would make good: play explains the rest."""
+    if evidence.sigmas(_RIGHT) > RIGHT_SIGMAS:
+        laws = [law for law in _LAWS if law.dec == "right" and not law.swapped]
+        near = evidence.reduced([law for law in laws if evidence.sigmas(law) <= WITHIN_SIGMAS])
+        if len(near) == 1 and near[0].fault not in _NO_CURE:
+            return _named(evidence, seen, off, near, side, False, "begin")
+    words = f"{_measured_words(evidence)}: too early, the declination may be in its play"
+    return RatesJudgement("too-early", seen, words, off)
 
 
 def _evidence(
@@ -824,9 +846,6 @@ def _no_fault(
 ) -> RatesJudgement:
     near = [law for law in evidence.reduced(_LAWS) if evidence.sigmas(law) <= WITHIN_SIGMAS]
     words = _measured_words(evidence)
-    if evidence.in_play:
-        words = f"{words}: too early, the declination may be in its play"
-        return RatesJudgement("too-early", seen, words, off)
     if any(told) and off <= WITHIN_SIGMAS and not any(evidence.gross(law) for law in near):
         return RatesJudgement("right", seen, f"{words}: as ordered", off)
     return RatesJudgement("too-early", seen, f"{words}: too early to say whether as ordered", off)
