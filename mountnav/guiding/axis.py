@@ -55,12 +55,10 @@ _LONGEST_OFF = 15.0
 turned round for errors that noise alone makes."""
 _YOUNG_LOOKS = 30
 """Before so many looks of a field the bank isn't begun anew by a surprise: it has hardly been thinned out."""
-UNPROVEN_SCATTERS, USELESS_SCATTERS, USELESS_SIGMAS = 2.0, 4.0, 2.0
+UNPROVEN_SCATTERS, USELESS_SCATTERS, USELESS_SIGMAS = 1.5, 4.0, 2.0
 """And only what is off by so many times what looks scatter, whatever the forecast says of its own error: what
 lies within the scatter costs little, and a correction by it is luck. More, once the looks have shown with so
 many sigma that the forecast is worse than none. Doubled, a drift is followed later at the beginning."""
-_FEW_LOOKS = 10.0
-"""Of so many looks the scatter is taken for 1.4 times as large: a calm minute says little of the wind."""
 _SCATTER_LOOKS = 30
 """Scatter is that of so many of the last looks, from one to the next. Doubled, a wind that rises counts
 later."""
@@ -72,6 +70,10 @@ _UNDONE_SCATTERS = 0.3
 """What was corrected is taken back to so much of the scatter: nearer than that nobody sees it."""
 _COAST_SIGMAS = 1.0
 """Without a new look only what is off by so many sigma of the forecast is corrected."""
+
+
+_MEDIAN_OF_DIFFERENCES = 0.6745 * math.sqrt(2.0)
+"""Median of the absolute difference of two draws over the sigma of one, of a Gaussian; mathematics."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +148,7 @@ class HeldAxis:
         self._asked = self._asked_least = self._asked_most = self._last_amount = 0.0
         self._owed = False
         self.worth_it = self.backed_off = False
-        self._harm = self._harm_variance = self._noise = 0.0
+        self._harm = self._harm_variance = 0.0
         self._harm_looks = 0
 
     def _told(self, event: _Seen | _Moved | _Jumped | _Shifted) -> None:
@@ -248,8 +250,7 @@ class HeldAxis:
         if len(self._without) < 3:
             return 0.0
         last = [self._without[at][1] for at in range(-min(len(self._without), _SCATTER_LOOKS), 0)]
-        shown = math.sqrt(0.5 * float(np.mean(np.square(np.diff(last)))) * (1.0 + _FEW_LOOKS / len(last)))
-        return max(shown, self._noise)
+        return float(np.median(np.abs(np.diff(last)))) / _MEDIAN_OF_DIFFERENCES
 
     def _judge_harm(self, seen_arcsec: float, without: float, noise_arcsec2: float) -> None:
         """Hold what is off against what would be without any correction; the noise is in both."""
@@ -296,7 +297,6 @@ class HeldAxis:
         # the noise of the look is in both squares and falls out
         self._score += without**2 - (without - forecast) ** 2
         self._score_variance += 4.0 * noise * forecast**2
-        self._noise = math.sqrt(noise)
         self._filter.update(seen_arcsec, sigma_arcsec)
         self._looks += 1
         self._told(_Seen(utc_s, seen_arcsec, sigma_arcsec))
