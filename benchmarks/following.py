@@ -384,6 +384,7 @@ FAULTS: dict[str, tuple[RateFault, frozenset[Named]]] = {
     "lost at flip": (RateFault(lost_by_flip=True), frozenset({Named.LOST_AT_FLIP})),
     "unturned": (RateFault(unturned=True), frozenset({Named.SIGN_DEC})),
 }
+Spans = tuple[tuple[float, float], tuple[float, float]]
 HARMLESS = frozenset({"forgotten", "lost at flip", "unturned", "1.0027 dec"})
 """Faults that may show in nothing: rates are sent again after each slew and each minute, the tube may hang on
 the side where they are right, and 0.3 % of slow rates is less than any drift."""
@@ -396,11 +397,12 @@ def faults(families: tuple[str, ...]) -> int:
         for name, (fault, expected) in FAULTS.items():
             chance = random.Random(f"{family} {name}")
 
-            def make(clock: VirtualClock, chance: random.Random = chance) -> Ephemeris:
+            # motors' fakes take what is faster than that for a slew, and its faults are others
+            spans = ((2.0, 2.6), (1.5, 2.0)) if family == "skywatcher" else ((3.0, 4.0), (1.5, 2.0))
+
+            def make(clock: VirtualClock, chance: random.Random = chance, spans: Spans = spans) -> Ephemeris:
                 begins = clock.utc()
-                ra, dec = (
-                    chance.choice([-1.0, 1.0]) * chance.uniform(*span) for span in ((3.0, 4.0), (1.5, 2.0))
-                )
+                ra, dec = (chance.choice([-1.0, 1.0]) * chance.uniform(*span) for span in spans)
                 return SkyRatesTarget(
                     place(clock, -30.0, 35.0), ra, dec, begins, begins + timedelta(hours=2), "a moving target"
                 )
