@@ -21,7 +21,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -185,8 +185,9 @@ def run(
     errors: PointingErrors = GOOD,
     settled_s: float = 90.0,
     seed: int = 0,
+    finder: bool = False,
 ) -> Run:
-    """Follow a target on a fake mount of a family."""
+    """Follow a target on a fake mount of a family; with a camera that sees stars in moments, if `finder`."""
     clock = VirtualClock(START)
     done = Run()
     protocol, _, dialect = family.partition("/")
@@ -207,6 +208,8 @@ def run(
             link = Link(MemoryLine(fake, clock, log), Patience(), log)
             mount = GenericMount(_LANGUAGES[protocol](link, dialect or None), timing=Timing(), site=SITE)
         through = SeenThrough(scale_arcsec_px=1.5)
+        if finder:
+            through = SeenThrough(scale_arcsec_px=6.0, usual_exposure_s=0.3)
         script = SkyScript(seed=seed)
         navigator = Navigator(
             equip(
@@ -216,7 +219,7 @@ def run(
                 catalog=embedded_catalog(),
                 site=SITE,
                 air=AIR,
-                policy=POLICY,
+                policy=replace(POLICY, scale_arcsec_px=through.scale_arcsec_px),
                 listen=lambda *_: None,
                 solve=SkySeen(script, clock, through),
                 journal=MemoryJournal(),
@@ -381,6 +384,7 @@ FAULTS: dict[str, tuple[RateFault, frozenset[Named]]] = {
     "lost at flip": (RateFault(lost_by_flip=True), frozenset({Named.LOST_AT_FLIP})),
     "unturned": (RateFault(unturned=True), frozenset({Named.SIGN_DEC})),
 }
+Spans = tuple[tuple[float, float], tuple[float, float]]
 HARMLESS = frozenset({"forgotten", "lost at flip", "unturned", "1.0027 dec"})
 """Faults that may show in nothing: rates are sent again after each slew and each minute, the tube may hang on
 the side where they are right, and 0.3 % of slow rates is less than any drift."""
@@ -393,11 +397,12 @@ def faults(families: tuple[str, ...]) -> int:
         for name, (fault, expected) in FAULTS.items():
             chance = random.Random(f"{family} {name}")
 
-            def make(clock: VirtualClock, chance: random.Random = chance) -> Ephemeris:
+            # motors' fakes take what is faster than that for a slew, and its faults are others
+            spans = ((2.0, 2.6), (1.5, 2.0)) if family == "skywatcher" else ((3.0, 4.0), (1.5, 2.0))
+
+            def make(clock: VirtualClock, chance: random.Random = chance, spans: Spans = spans) -> Ephemeris:
                 begins = clock.utc()
-                ra, dec = (
-                    chance.choice([-1.0, 1.0]) * chance.uniform(*span) for span in ((3.0, 4.0), (1.5, 2.0))
-                )
+                ra, dec = (chance.choice([-1.0, 1.0]) * chance.uniform(*span) for span in spans)
                 return SkyRatesTarget(
                     place(clock, -30.0, 35.0), ra, dec, begins, begins + timedelta(hours=2), "a moving target"
                 )

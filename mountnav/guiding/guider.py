@@ -231,6 +231,11 @@ class Guider:
         self.secondary.wanted_elsewhere(secondary_arcsec)
         self._fresh = True
 
+    @property
+    def backed_off(self) -> tuple[bool, bool]:
+        """Of each axis whether corrections were seen to do harm, so that none are made."""
+        return self.primary.backed_off, self.secondary.backed_off
+
     def state(self, sigma_arcsec: float) -> tuple[AxisState, AxisState]:
         """What is known of both axes."""
         return self.primary.state(sigma_arcsec), self.secondary.state(sigma_arcsec)

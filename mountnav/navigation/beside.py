@@ -32,9 +32,9 @@ ROUNDS = 3
 """So often the aim of a model is undone by what is left; each time a hundredth of it is. Doubled, nothing
 more is gained."""
 
-AXES_SHARE = 0.5
-"""A mount whose zero points are off by so much has axes off by this share of it, one sigma. Doubled, a
-pass of a mount that was set up by eye is told to be twice as far off."""
+AXES_SHARE = 1.0
+"""A mount whose zero points are off has axes off by this share of that, one sigma: who sets up by eye does
+both so well. Halved, a pass of such a mount is 2.3 sigma off."""
 NEAR_ARCSEC_DEG = 20.0
 """What mounts are off besides, ″ for each degree of the way, near a look. Doubled, looks on a pass count for
 more than those before them."""

@@ -66,6 +66,7 @@ from mountnav.navigation.look import LookOptions, expose_and_solve
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.rates_kept import RATES_KEPT
 from mountnav.navigation.rates_seen import (
+    MOST_PLAY_ARCSEC,
     TIME_SIGMA_S,
     OrderedRates,
     RateFault,
@@ -167,6 +168,12 @@ looks every few seconds is a row of 2 MB."""
 SLIP_SHARE, SLIP_S = 0.4, 0.1
 """A fast target's rates are not kept where a reading is off by this share of its way since the one before,
 and what it goes in so much time, s. Doubled, rates that are ignored may pass for kept ones."""
+JITTER_S = 0.01
+"""The instants of mid-exposures vary by so much from one look to the next, s. Tenfold, looks on a pass count
+for too little to keep up with what its way makes of a polar axis."""
+CREEP_SHARE, LEAST_SPAN_S = 0.4, 0.3
+"""How fast a fast target's mount goes beside what it was ordered is learned from one reading to the next, by
+this share each time, if they lie so far apart, s. Doubled, a reading that is late throws it off."""
 MOST_VAGUE_ARCSEC = 600.0
 """A fast pass of which is known no better how the mount points, one sigma, ″, is told so: it would be
 outside of most frames. And so far no look moves the tube alone: two must agree. Doubled, 20′."""
@@ -383,7 +390,9 @@ class Following:
         self._beside = self._beside_by(None, 0.0)
         self._odd: Look | None = None
         self._phase = "centering"
+        self._played: tuple[float, datetime] | None = None
         self._slips = 0
+        self._creep, self._by_reading = Offset(0.0, 0.0), False
         self._anchor: RateLook | None = None
         self._stated: list[float] = []
         self._kept: list[OrderedRates] = []
@@ -754,6 +763,8 @@ class Following:
         dec_deg = for_mount(self._path(now), mount.epoch, now).dec_deg
         if steady:
             drift_east = drift_north = 0.0
+        if plan.fast:
+            drift_east, drift_north = self._creep.east_arcsec, self._creep.north_arcsec
         more = rates_on_sky(catch.east_arcsec - drift_east, catch.north_arcsec - drift_north, dec_deg)
         wanted = OffsetRates(wanted.ra_arcsec_s + more.ra_arcsec_s, wanted.dec_arcsec_s + more.dec_arcsec_s)
         wanted = self._bounded(wanted)
@@ -832,8 +843,17 @@ class Following:
         if self._anchor is None:
             self._anchor = RateLook(utc, place, max(2.0, resolution), self._side)
         thought = self._tube.at(utc, self._kept)
-        wrong = separation_arcsec(from_mount(place), from_mount(thought))
+        went = offset_arcsec(from_mount(place), from_mount(thought))
+        wrong = went.total_arcsec
         since_s = max((utc - self._tube.utc).total_seconds(), 0.0)
+        if self._by_reading and since_s > LEAST_SPAN_S and wrong <= SLIP_SHARE * speed * since_s:
+            # axes that aren't the sky's turn what rates come to, and orders take effect late
+            keep = 1.0 - CREEP_SHARE
+            self._creep = Offset(
+                keep * self._creep.east_arcsec + CREEP_SHARE * went.east_arcsec / since_s,
+                keep * self._creep.north_arcsec + CREEP_SHARE * went.north_arcsec / since_s,
+            )
+        self._by_reading = True
         slack = (SLIP_SHARE * speed + ALARM_ARCSEC_S) * since_s + SLIP_S * speed + 2.0 * resolution
         self._slips = self._slips + 1 if wrong > slack else 0
         if self._slips >= SLIPS:
@@ -953,7 +973,8 @@ class Following:
     def _begin_leg(self) -> None:
         """What was seen before says nothing of the rates any more."""
         self._sent, self._kept, self._leg, self._leg_from = [], [], [], None
-        self._anchor, self._slips = None, 0
+        self._anchor, self._slips, self._played = None, 0, None
+        self._creep, self._by_reading = Offset(0.0, 0.0), False
 
     def _prune(self, utc: datetime) -> None:
         """Forget what was ordered long before the first look that counts."""
@@ -1038,7 +1059,10 @@ class Following:
             self._require_wanted()
             if not self._kept or utc < self._kept[0].since_utc:
                 return
-            if not self._weighed(found, sigma):
+            # a clock that is off is off for each look: it hides from all of them, and none counts less for it
+            if not self._weighed(
+                found, math.hypot(own if math.isfinite(own) else WORST_CENTER_ARCSEC, JITTER_S * speed)
+            ):
                 self._tell("following", "a look is far from what was known: the next one decides")
                 return
             self._looks += 1
@@ -1046,7 +1070,8 @@ class Following:
             if self._looks > 1:
                 self._offs.append(off)
             assert self._tube is not None
-            self._tube = self._tube.moved_to(for_mount(found.seen, self._mount.epoch, utc), utc, sigma)
+            # the next reading says where it is by that; how fast it goes, the one after it
+            self._by_reading = False
             self._tell("following", f"{off:.0f}″ off", found)
         self._wake.set()
 
@@ -1151,15 +1176,48 @@ class Following:
         )
         del self._leg[:-LEG_LOOKS]
         # held against what the mount makes of what it was sent, by the correction in force
-        judged = judge_rates(
+        judged = self._judgement_of()
+        if judged.verdict not in ("right", "too-early"):
+            out = self._out_of_play(found.mid_exposure_utc)
+            if out is None:
+                judged = self._judgement_of(in_play=True)
+            elif self._leg[0].utc < out and self._judgement_of(in_play=True).verdict == "too-early":
+                # those before tell of the play, too
+                self._leg = [one for one in self._leg if one.utc >= out] or self._leg[-1:]
+                judged = self._judgement_of()
+        await self._judged(judged)
+        return f"{words}; {judged.words}"
+
+    def _judgement_of(self, *, in_play: bool = False) -> RatesJudgement:
+        return judge_rates(
             self._kept,
             self._leg_looks(),
             doubts=self._rates.doubts,
             kept_before=self._kept_before,
+            in_play=in_play,
             since="begin",
         )
-        await self._judged(judged)
-        return f"{words}; {judged.words}"
+
+    def _out_of_play(self, utc: datetime) -> datetime | None:
+        """When the declination's gear had turned one way for longer than any play; None: it hasn't."""
+        way, sign, out = 0.0, 0.0, None
+        if self._played is not None:
+            (sign, out), way = self._played, MOST_PLAY_ARCSEC
+        for number, one in enumerate(self._kept):
+            if one.since_utc >= utc:
+                break
+            rate = one.rates.dec_arcsec_s
+            if rate == 0.0:
+                continue
+            if math.copysign(1.0, rate) != sign:
+                way, sign, out = 0.0, math.copysign(1.0, rate), None
+            later = self._kept[number + 1].since_utc if number + 1 < len(self._kept) else utc
+            before, way = way, way + abs(rate) * (min(later, utc) - one.since_utc).total_seconds()
+            if before < MOST_PLAY_ARCSEC <= way:
+                out = one.since_utc + timedelta(seconds=(MOST_PLAY_ARCSEC - before) / abs(rate))
+        # orders of long ago are forgotten, that isn't
+        self._played = None if out is None else (sign, out)
+        return out
 
     def _leg_looks(self) -> list[RateLook]:
         """The looks that count; with their trails as long as there are no two."""

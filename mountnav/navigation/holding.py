@@ -376,6 +376,7 @@ class Holding:
         self._dithering: _Dithering | None = None
         self._wake = asyncio.Event()
         self._over = False
+        self._backed_off = (False, False)
         self._began_s = equipment.clock.monotonic_s()
         self._epoch_utc = equipment.clock.utc()
 
@@ -613,6 +614,7 @@ class Holding:
             case LookFate.JUMP:
                 counts.jumps += 1
                 await self._note(f"the telescope was moved by something, {off.total_arcsec:.0f}″", {})
+        await self._tell_backed_off()
         if seen.fate in (LookFate.TAKEN, LookFate.JUMP):
             counts.solved += 1
             counts.squares += off.total_arcsec**2
@@ -621,6 +623,23 @@ class Holding:
         elif self._dithering is not None:
             self._dithering.settle.missed()
         return seen.fate
+
+    async def _tell_backed_off(self) -> None:
+        """Tell when an axis is left alone since its corrections did harm, and when it is corrected again."""
+        assert self._guider is not None
+        now, was = self._guider.backed_off, self._backed_off
+        self._backed_off = now
+        for name, left, before in zip(("primary", "secondary"), now, was, strict=True):
+            if left and not before:
+                words = (
+                    f"the {name} axis was off more by its corrections than it would have been without: they "
+                    "are taken back, and none are made until looks show that they would help"
+                )
+                await self._note(words, {"axis": name})
+            elif before and not left:
+                await self._note(
+                    f"the {name} axis is corrected again: looks show that it helps", {"axis": name}
+                )
 
     def _require_unmoved(self, look: Look) -> None:
         if self._believed is None:

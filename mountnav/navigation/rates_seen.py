@@ -25,6 +25,7 @@ from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S, SOLAR_TO_SIDEREAL, Appar
 from mountnav.sky.sphere import half_turn_deg
 
 __all__ = [
+    "MOST_PLAY_ARCSEC",
     "NO_TRAIL",
     "LawWord",
     "OrderedRates",
@@ -81,6 +82,9 @@ turn what rates come to by as much as faults do. Halved, a polar axis 10′ off 
 TELLING_SHARE = 0.5
 """A coordinate whose ordered rate is less than this share of what its errors hide says nothing of a fault."""
 
+MOST_PLAY_ARCSEC = 120.0
+"""So far a declination's gear may turn before the tube follows, after it was slewed or turned round, ″: worn
+ones have as much. Doubled, rates that are ignored are named after twice the way."""
 HARMLESS = 1.5
 """A correction is tried to tell faults apart if under none of them the mount goes faster than so many times
 what was ordered. Doubled, the target leaves narrow fields while it is tried."""
@@ -621,6 +625,7 @@ class _Evidence:
     variance: tuple[float, float]
     trails: tuple[TrailSeen, ...]
     doubts: RateDoubts
+    in_play: bool = False
 
     def sigmas(self, law: _Law) -> float:
         """How far off what was seen is from what a law would give, in sigmas."""
@@ -630,7 +635,7 @@ class _Evidence:
         if self.seen is not None:
             off = (
                 self.seen.rates.ra_arcsec_s - self.drift.ra_arcsec_s - kept.ra_arcsec_s,
-                self.seen.rates.dec_arcsec_s - self.drift.dec_arcsec_s - kept.dec_arcsec_s,
+                self._off_dec(self.seen.rates.dec_arcsec_s - self.drift.dec_arcsec_s, kept.dec_arcsec_s),
             )
             chi2 += sum(
                 value**2 / (of_law**2 + variance)
@@ -653,6 +658,21 @@ class _Evidence:
             share = (TRAIL_SHARE * math.hypot(east, north) * trail.exposure_s) ** 2
             worst = max(worst, min(ways) ** 2 / (trail.sigma_arcsec**2 + share + loose * trail.exposure_s**2))
         return math.sqrt(chi2 + worst)
+
+    def _off_dec(self, seen: float, kept: float) -> float:
+        """How far off the declination's rate is; while its gear may be in its play it may be any smaller."""
+        if self.in_play and seen * kept >= 0.0 and abs(seen) <= abs(kept):
+            return 0.0
+        return min(seen, seen - kept, key=abs) if self.in_play else seen - kept
+
+    def dec_lags(self) -> bool:
+        """Whether the declination was seen to go more slowly than ordered, or not at all: as in its play."""
+        if self.seen is None:
+            return False
+        ordered = self.ordered.dec_arcsec_s
+        went = math.copysign(1.0, ordered) * (self.seen.rates.dec_arcsec_s - self.drift.dec_arcsec_s)
+        loose = WITHIN_SIGMAS * math.hypot(math.sqrt(self.variance[1]), self._error(_RIGHT, self.ordered)[1])
+        return -loose < went < abs(ordered) - loose
 
     def _error(self, law: _Law, kept: OffsetRates) -> tuple[float, float]:
         """What may be off under a law besides noise: rounding, scale, axes that aren't the sky's."""
@@ -727,6 +747,7 @@ def judge_rates(
     drift: SeenRates | None = None,
     doubts: RateDoubts | None = None,
     kept_before: bool = False,
+    in_play: bool = False,
     since: Literal["begin", "slew", "flip"] = "begin",
 ) -> RatesJudgement:
     """Judge which rates a mount keeps, and name what is wrong with them where nothing else explains it.
@@ -743,6 +764,9 @@ def judge_rates(
         How steady this mount is.
     kept_before : bool
         Whether it was seen to keep such rates before what `since` says.
+    in_play : bool
+        Whether the declination's gear may have turned in its play meanwhile: then the tube stood still in it,
+        or went more slowly, and nothing is wrong with that.
     since : {"begin", "slew", "flip"}
         What happened last before these looks, after the rates were sent.
 
@@ -764,8 +788,21 @@ def judge_rates(
     told = evidence.told()
     if off <= RIGHT_SIGMAS:
         return _no_fault(evidence, seen, off, told)
+    if in_play and evidence.dec_lags():
+        return _lagging(replace(evidence, in_play=True), seen, off, looks[-1].side)
     near = [law for law in _LAWS if evidence.sigmas(law) <= WITHIN_SIGMAS]
     return _named(evidence, seen, off, evidence.reduced(near), looks[-1].side, kept_before, since)
+
+
+def _lagging(evidence: _Evidence, seen: SeenRates | None, off: float, side: PierSide) -> RatesJudgement:
+    """Judge right ascension alone, and no fault that no order would make good: play explains the rest."""
+    if evidence.sigmas(_RIGHT) > RIGHT_SIGMAS:
+        laws = [law for law in _LAWS if law.dec == "right" and not law.swapped]
+        near = evidence.reduced([law for law in laws if evidence.sigmas(law) <= WITHIN_SIGMAS])
+        if len(near) == 1 and near[0].fault not in _NO_CURE:
+            return _named(evidence, seen, off, near, side, False, "begin")
+    words = f"{_measured_words(evidence)}: too early, the declination may be in its play"
+    return RatesJudgement("too-early", seen, words, off)
 
 
 def _evidence(

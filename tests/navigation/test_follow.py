@@ -21,7 +21,7 @@ from mountnav.simulation.machine import Machine
 from mountnav.simulation.rate_faults import RateFault
 from mountnav.sky.sphere import separation_arcsec
 from tests.navigation.rated_mount import RatedMount
-from tests.navigation.virtual_rig import POLICY, SITE, VirtualRig, in_virtual_time
+from tests.navigation.virtual_rig import ERRORS, POLICY, SITE, VirtualRig, in_virtual_time
 
 TOLERANCE = 5.0
 
@@ -66,6 +66,7 @@ def followed(
     fault: RateFault | None = None,
     made: type[RatedMount] = RatedMount,
     settled_s: float = 60.0,
+    tolerance_arcsec: float = TOLERANCE,
     prepare: Callable[[VirtualRig], None] = lambda rig: None,
     **given: object,
 ) -> Followed:
@@ -90,7 +91,7 @@ def followed(
             report = await rig.navigator.follow(
                 target,
                 until_utc=rig.clock.utc() + timedelta(minutes=minutes),
-                tolerance_arcsec=TOLERANCE,
+                tolerance_arcsec=tolerance_arcsec,
                 heard=progress.append,
             )
         finally:
@@ -342,6 +343,18 @@ def test_a_drifting_mount_without_faults_is_never_corrected_for_one() -> None:
 def test_a_german_mount_follows_on_either_side() -> None:
     done = followed(2.0, 1.2, machine=Machine(mounting="german"))
     assert max(done.truly) <= TOLERANCE + 1.0
+    assert done.left == (0.0, 0.0)
+
+
+def test_a_declination_that_is_in_its_play_is_no_fault_of_the_rates() -> None:
+    # it stands still for a minute, and then goes as ordered
+    done = followed(2.0, -1.0, errors=replace(ERRORS, backlash_arcsec=60.0), tolerance_arcsec=30.0)
+    assert done.report.by is FollowBy.RATES
+    assert done.report.fault is None
+    assert done.report.correction == ""
+    assert done.rig.navigator.rates.correction is None
+    assert max(done.truly) <= 65.0
+    assert done.truly[-1] <= 30.0
     assert done.left == (0.0, 0.0)
 
 
