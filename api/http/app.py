@@ -23,6 +23,7 @@ from api.access.keys import KeyStore, open_keys
 from api.access.security import TokenRequired
 from api.alpaca.server import alpaca_routes
 from api.http import guards
+from api.http.field_words import describe
 from api.http.routes import (
     audit,
     capabilities,
@@ -172,7 +173,9 @@ def _describe_beside(app: FastAPI) -> None:
 
     def with_bodies_left_out() -> dict[str, Any]:
         if app.openapi_schema is None:
-            app.openapi_schema = _without_null_bodies(make())
+            described = _without_null_bodies(make())
+            describe(described)
+            app.openapi_schema = described
         return app.openapi_schema
 
     app.openapi = with_bodies_left_out  # type: ignore[method-assign]

@@ -6,7 +6,7 @@ import json
 import re
 from functools import cache
 
-from api.http import openapi
+from api.http import field_words, openapi
 from api.http.openapi import FROZEN_PATH
 
 openapi_text = cache(openapi.openapi_text)  # a second of CPU each time
@@ -57,3 +57,30 @@ def test_what_generators_of_clients_need_to_keep_every_route() -> None:
             assert set(content) <= known, (method, path, set(content))
             for of_one in re.findall(r'"\$ref": "#/components/schemas/([^"]+)"', json.dumps(operation)):
                 assert of_one in schemas, (method, path, of_one)
+
+
+def test_each_operation_field_and_parameter_is_described() -> None:
+    description = json.loads(openapi_text())
+    bare = [
+        f"{name}.{field}"
+        for name, schema in description["components"]["schemas"].items()
+        for field, about in schema.get("properties", {}).items()
+        if not about.get("description", "").strip()
+    ]
+    operations = [one for path in description["paths"].values() for one in path.values()]
+    assert len(operations) > 60
+    for operation in operations:
+        bare += [operation["operationId"]] * (
+            not operation.get("summary") or not operation.get("description")
+        )
+        for parameter in operation.get("parameters", ()):
+            if not parameter.get("description", "").strip():
+                bare.append(f"{operation['operationId']}({parameter['name']})")
+    assert bare == []
+
+
+def test_no_word_about_a_field_that_is_gone() -> None:
+    schemas = json.loads(openapi_text())["components"]["schemas"]
+    there = {field for schema in schemas.values() for field in schema.get("properties", {})}
+    there |= {f"{name}.{field}" for name, schema in schemas.items() for field in schema.get("properties", {})}
+    assert sorted(set(field_words._FIELDS) - there) == []
