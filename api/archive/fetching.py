@@ -11,6 +11,7 @@ import tempfile
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
+from typing import Any
 
 from mountnav.errors import BadRequest
 from mountnav.extras import extra
@@ -92,7 +93,7 @@ def spread(pattern: str) -> list[str]:
     return [name if is_remote(name) else f"{protocol}://{name}" for name in found]
 
 
-def _file_system(url: str) -> object:
+def _file_system(url: str) -> Any:
     if url.startswith(_S3):
         with extra("s3", "frames on S3"):
             import s3fs  # noqa: F401
@@ -112,7 +113,7 @@ def _from_elsewhere(url: str) -> FileIO:
     try:
         size = 0
         try:
-            with system.open(url, "rb", block_size=_PIECE_BYTES) as source:  # type: ignore[attr-defined]
+            with system.open(url, "rb", block_size=_PIECE_BYTES) as source:
                 while piece := source.read(_PIECE_BYTES):
                     size += len(piece)
                     if size > MOST_FETCHED_BYTES:
