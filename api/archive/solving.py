@@ -163,7 +163,7 @@ class ChunkSolver:
         raise AssertionError  # the last try returns
 
     async def _fetched_in_time(self, entry: Entry) -> Fetched:
-        reading = waited_for(asyncio.to_thread(fetched, entry.file))
+        reading = waited_for(asyncio.to_thread(fetched, entry.file, self._prepared.deadline_s))
         # the thread goes on for as long as the server lets it; what it brings too late is thrown away
         try:
             done, _ = await asyncio.wait({reading}, timeout=self._prepared.deadline_s)
