@@ -79,7 +79,7 @@ def test_kills_of_clients_and_workers_at_any_instant_change_nothing(
     while killed < 6:
         client = _started(path, "--jobs", "2")
         _until_solving(run, client)
-        time.sleep(chance.uniform(0.0, 1.5))
+        time.sleep(chance.uniform(0.0, 3.0))
         victims = [client.pid] if killed % 2 else _solvers(client.pid) or [client.pid]
         victim = chance.choice(victims)
         if client.poll() is None:
