@@ -306,7 +306,7 @@ class Verdict:
     seen_flux: NDArray[np.float32] = field(
         default_factory=lambda: np.zeros(0, dtype=np.float32), compare=False, repr=False
     )
-    origin: Origin | None = None
+    origin: Origin | None = field(default=None, compare=False)
 
     @property
     def solved(self) -> bool:

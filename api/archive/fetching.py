@@ -5,12 +5,14 @@ A frame from elsewhere goes into a file without a name, so that a worker that is
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import tempfile
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
+from typing import Any
 
 from mountnav.errors import BadRequest
 from mountnav.extras import extra
@@ -23,6 +25,10 @@ as much of a disk."""
 _PIECE_BYTES = 1 << 22
 """Read at a time; for speed alone."""
 
+LISTED_S = 300.0
+"""Until a server has to have listed what fits a pattern. Doubled, one that hangs is noticed twice as late."""
+
+_HTTP = ("http://", "https://")
 _S3 = ("s3://", "s3a://")
 
 
@@ -48,8 +54,15 @@ def is_remote(file: str) -> bool:
     return "://" in file
 
 
-def fetched(file: str) -> Fetched:
+def fetched(file: str, timeout_s: float) -> Fetched:
     """Open a frame and hash it.
+
+    Parameters
+    ----------
+    file : str
+        A path, or a URL.
+    timeout_s : float
+        After which a server that says nothing is given up.
 
     Raises
     ------
@@ -58,7 +71,7 @@ def fetched(file: str) -> Fetched:
     BadRequest
         A package for such URLs is missing.
     """
-    opened = _from_elsewhere(file) if is_remote(file) else open_plain(Path(os.fsdecode(file)))
+    opened = _from_elsewhere(file, timeout_s) if is_remote(file) else open_plain(Path(os.fsdecode(file)))
     try:
         sha256 = hashlib.sha256()
         size = 0
@@ -84,7 +97,7 @@ def spread(pattern: str) -> list[str]:
         return [pattern]
     protocol = pattern.split("://", 1)[0]
     try:
-        found = sorted(_file_system(pattern).glob(pattern))
+        found = sorted(_file_system(pattern, LISTED_S).glob(pattern))
     except (OSError, ValueError) as fault:
         raise BadRequest(f"{pattern}: {fault}", advice="is it written right?") from fault
     if not found:
@@ -92,38 +105,61 @@ def spread(pattern: str) -> list[str]:
     return [name if is_remote(name) else f"{protocol}://{name}" for name in found]
 
 
-def _file_system(url: str) -> object:
+def _file_system(url: str, timeout_s: float) -> Any:
     if url.startswith(_S3):
         with extra("s3", "frames on S3"):
             import s3fs  # noqa: F401
     with extra("remote", "frames from elsewhere"):
         from fsspec.core import url_to_fs
+    more: dict[str, Any] = {}
+    if url.startswith(_HTTP):
+        with extra("remote", "frames from elsewhere"):
+            from aiohttp import ClientTimeout
+        more["client_kwargs"] = {"timeout": ClientTimeout(total=timeout_s)}
     try:
-        return url_to_fs(url)[0]
+        return url_to_fs(url, **more)[0]
     except (ImportError, ValueError) as fault:
         raise BadRequest(f"{url}: {fault}", advice="file, http, https and s3 are proven") from fault
 
 
-def _from_elsewhere(url: str) -> FileIO:
-    system = _file_system(url)
+def _from_elsewhere(url: str, timeout_s: float) -> FileIO:
+    system = _file_system(url, timeout_s)
     number, name = tempfile.mkstemp(prefix="mountnav-frame-")
     os.unlink(name)
     target = FileIO(number, "r+b", closefd=True)
     try:
         size = 0
         try:
-            with system.open(url, "rb", block_size=_PIECE_BYTES) as source:  # type: ignore[attr-defined]
+            # a plain server gives a file from its beginning alone
+            block = 0 if url.startswith(_HTTP) else _PIECE_BYTES
+            with system.open(url, "rb", block_size=block) as source:
                 while piece := source.read(_PIECE_BYTES):
                     size += len(piece)
                     if size > MOST_FETCHED_BYTES:
-                        raise OSError(27, "it is too long")
+                        raise OSError(errno.EFBIG, "it is too long")
                     target.write(piece)
+        except FileNotFoundError as fault:
+            # fsspec says so of a server that doesn't answer, too, and leaves the number out
+            other = _beneath(fault)
+            if other is not None:
+                raise OSError(errno.EIO, f"{type(other).__name__}: {other}"[:200]) from fault
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), url) from fault
+        except PermissionError as fault:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), url) from fault
         except OSError:
             raise
         except Exception as fault:  # each kind of server has errors of its own
-            raise OSError(5, f"{type(fault).__name__}: {fault}"[:200]) from fault
+            raise OSError(errno.EIO, f"{type(fault).__name__}: {fault}"[:200]) from fault
         os.lseek(number, 0, os.SEEK_SET)
         return target
     except BaseException:
         target.close()
         raise
+
+
+def _beneath(fault: BaseException) -> BaseException | None:
+    """Why a file is said not to be there, if for another reason than that it isn't."""
+    beneath = fault.__cause__
+    while isinstance(beneath, FileNotFoundError):
+        beneath = beneath.__cause__
+    return None if getattr(beneath, "status", None) in (404, 410) else beneath

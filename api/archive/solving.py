@@ -11,6 +11,7 @@ import asyncio
 import errno
 import logging
 import os
+import signal
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -21,7 +22,7 @@ from api.archive.chosen import Prepared
 from api.archive.fetching import Fetched, fetched, is_remote
 from api.http.file_names import shown
 from api.solver.limits import Limits
-from api.solver.link import Upload, Work
+from api.solver.link import ProcessEnded, Upload, Work
 from api.solver.worker import Worker
 from mountnav.archive.folder import RunFolder
 from mountnav.archive.store import DIED, FAULT, HUNG, UNREAD, Counts, Result, chunk_written, claimed
@@ -35,7 +36,13 @@ from mountnav.tasks import Crew, waited_for
 _log = logging.getLogger(__name__)
 
 TRIES = 2
-"""Of a frame, each in a process that no other frame has touched since it was started anew."""
+"""Of a frame that hangs or ends its process; the second one is in a process that was started anew."""
+
+MOST_KILLS = 5
+"""Times that the process may be killed (SIGKILL) over a frame before the frame is to blame: an operator or a
+scheduler kills whatever is under way, and the kernel, when memory is out, may hit it for another's sake. With
+fewer a busy killer makes an innocent frame look like poison; doubled, poison that fills the memory does so
+twice as often."""
 
 PAUSE_S = 2.0
 """Before a file that couldn't be read is tried again, s: a network's hiccup is over by then, a missing file
@@ -44,6 +51,9 @@ costs no more. Doubled, a list of names that are all wrong takes twice as long."
 MOST_UNREAD_RUNNING = 20
 """Frames in a row that the storage fails on before the chunk is given up: it is the storage's fault then, and
 nobody wants a chunk of such. Doubled, that shows after twice as many."""
+
+_KILLED = "KILLED"
+"""For now: from outside, it seems."""
 
 _OWN_FAULTS = (
     errno.ENOENT,
@@ -153,7 +163,7 @@ class ChunkSolver:
         raise AssertionError  # the last try returns
 
     async def _fetched_in_time(self, entry: Entry) -> Fetched:
-        reading = waited_for(asyncio.to_thread(fetched, entry.file))
+        reading = waited_for(asyncio.to_thread(fetched, entry.file, self._prepared.deadline_s))
         # the thread goes on for as long as the server lets it; what it brings too late is thrown away
         try:
             done, _ = await asyncio.wait({reading}, timeout=self._prepared.deadline_s)
@@ -183,8 +193,13 @@ class ChunkSolver:
             return Result(entry, code=UNREAD, why=why)
         self._running_unread = 0
         try:
-            for tried in range(1, TRIES + 1):
+            tried = kills = 0
+            while True:
                 verdict, code, why = await self._tried(entry, opened)
+                if code == _KILLED and kills < MOST_KILLS:
+                    kills += 1
+                    continue
+                tried += 1
                 if verdict is not None or tried == TRIES:
                     break
                 _log.warning("%s: %s; tried again", entry.file, why)
@@ -193,7 +208,7 @@ class ChunkSolver:
                 opened.sha256,
                 opened.size_bytes,
                 verdict,
-                code,
+                DIED if code == _KILLED else code,
                 "" if verdict is not None else f"{why}, in each of {TRIES} tries",
                 tried,
                 time.monotonic() - began_s,
@@ -217,8 +232,10 @@ class ChunkSolver:
             return Verdict(None, Reason.BAD_FRAME, str(fault), 0, Times()), "", ""
         except BadSettings:
             raise  # a catalog is damaged: that is no frame's fault
-        except DeviceError:
-            code, why = DIED, "the process that solved it died of it"
+        except DeviceError as fault:
+            ended = fault.__cause__
+            killed = isinstance(ended, ProcessEnded) and ended.signal_number == signal.SIGKILL
+            code, why = _KILLED if killed else DIED, "the process that solved it died of it"
         except MountnavError as fault:
             code, why = FAULT, f"{type(fault).__name__}: {fault}"[:300]
         except Exception as fault:  # a fault of ours ends one frame, not a million
@@ -238,6 +255,7 @@ class ChunkSolver:
                 niceness=0,
                 margin_s=2.0 * self._prepared.deadline_s,  # the deadline here comes first
                 many=True,
+                tries=1,  # they are counted here
             )
             self._worker.open(self._index)
         if not self._ready.is_set():

@@ -87,12 +87,13 @@ def frames_of(path: Path, hdu: int | str | None) -> Iterator[FrameFile]:
 
 def stems(files: Sequence[Path]) -> dict[Path, str]:
     """How a file beside each frame begins: without its ending, where no other frame there has that name."""
-    short = {path: path.with_name(_without_suffix(path.name)) for path in files}
+    short = {path: path.with_name(stem(path.name)) for path in files}
     counts = Counter(short[path] for path in short)
     return {path: short[path].name if counts[short[path]] == 1 else path.name for path in short}
 
 
-def _without_suffix(name: str) -> str:
+def stem(name: str) -> str:
+    """A frame's name without its ending."""
     fitting = [
         suffix for suffix in FRAME_SUFFIXES if name.lower().endswith(suffix) and len(name) > len(suffix)
     ]

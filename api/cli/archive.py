@@ -223,7 +223,7 @@ def work(
     which, of = _part(chunk)
     folder, run_folder = _opened(archive, run)
     chunks = WorkList.open(folder).part(which, of)
-    raise typer.Exit(_solved(run_folder, chunks, lanes_here(jobs), bar=False))
+    raise typer.Exit(_solved(folder, run_folder, chunks, lanes_here(jobs), bar=False))
 
 
 @archive_app.command("run")
@@ -248,11 +248,9 @@ def run_all(
 
     folder, run_folder = _opened(archive, run)
     chunks = WorkList.open(folder).in_order()
-    if engine == "dask" or scheduler is not None:
-        from api.archive.on_dask import solve_on_dask
-
-        raise typer.Exit(solve_on_dask(run_folder, chunks, jobs=lanes_here(jobs), scheduler=scheduler))
-    raise typer.Exit(_solved(run_folder, chunks, lanes_here(jobs), bar=True))
+    dask = engine == "dask" or scheduler is not None
+    lanes = lanes_here(jobs)
+    raise typer.Exit(_solved(folder, run_folder, chunks, lanes, bar=True, dask=dask, scheduler=scheduler))
 
 
 @archive_app.command()
@@ -279,7 +277,6 @@ def report(
 ) -> None:
     """Write one HTML file: success by instrument, field and year, wrong headers, odds, refusals, cost."""
     from mountnav.archive.report import as_html, reported
-
     from mountnav.files import replace_bytes
 
     folder, run_folder = _opened(archive, run)
@@ -298,7 +295,6 @@ def diff(
 ) -> None:
     """What another run made of the same frames. Exit code 0 if it is the same, 1 if not."""
     from mountnav.archive.differences import differences
-
     from mountnav.archive.folder import Folder
 
     folder = Folder.open(archive)
@@ -385,8 +381,17 @@ def _part(text: str) -> tuple[int, int]:
     return int(which), int(of)
 
 
-def _solved(run: RunFolder, chunks: list[Chunk], lanes: int, *, bar: bool) -> int:
-    """Solve the chunks here; the exit code."""
+def _solved(
+    folder: Folder,
+    run: RunFolder,
+    chunks: list[Chunk],
+    lanes: int,
+    *,
+    bar: bool,
+    dask: bool = False,
+    scheduler: str | None = None,
+) -> int:
+    """Solve the chunks; the exit code."""
     import asyncio
 
     from api.archive.chosen import prepared_for
@@ -400,9 +405,16 @@ def _solved(run: RunFolder, chunks: list[Chunk], lanes: int, *, bar: bool) -> in
         index = built_with_progress(ready.catalog.indexed).path
     with Bar(shown=bar) as shown:
         try:
-            progress = asyncio.run(
-                solve_chunks(run, chunks, ready, lanes=lanes, index=index, tell=shown.tell)
-            )
+            if dask:
+                from api.archive.on_dask import solve_on_dask
+
+                progress = solve_on_dask(
+                    folder, run, chunks, jobs=lanes, scheduler=scheduler, tell=shown.tell, say=_say
+                )
+            else:
+                progress = asyncio.run(
+                    solve_chunks(run, chunks, ready, lanes=lanes, index=index, tell=shown.tell)
+                )
         except OSError as fault:
             raise StoreFailed(
                 f"the store can't be written: {fault.strerror or fault}",

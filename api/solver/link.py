@@ -44,13 +44,18 @@ class ProcessEnded(Exception):
 
     Parameters
     ----------
-    out_of_cpu : bool
-        The kernel ended it for its limit of CPU time.
+    signal_number : int
+        Of the signal that ended it; 0 if none did.
     """
 
-    def __init__(self, how: str, *, out_of_cpu: bool = False) -> None:
+    def __init__(self, how: str, *, signal_number: int = 0) -> None:
         super().__init__(how)
-        self.out_of_cpu = out_of_cpu
+        self.signal_number = signal_number
+
+    @property
+    def out_of_cpu(self) -> bool:
+        """The kernel ended it for its limit of CPU time."""
+        return self.signal_number == signal.SIGXCPU
 
 
 class ProcessLink:
@@ -163,7 +168,7 @@ class ProcessLink:
         except subprocess.TimeoutExpired:
             return ProcessEnded(f"process {self.pid} closed its line")
         how = f"by signal {-code}" if code < 0 else f"with code {code}"
-        return ProcessEnded(f"process {self.pid} ended {how}", out_of_cpu=code == -signal.SIGXCPU)
+        return ProcessEnded(f"process {self.pid} ended {how}", signal_number=max(0, -code))
 
     async def _exactly(self, length: int) -> bytearray:
         loop = asyncio.get_running_loop()

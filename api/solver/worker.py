@@ -60,6 +60,7 @@ LOWER_PRIORITY = 5
 """Of the process, as `nice` counts: where cores are scarce, a stop and a state go before a solve."""
 
 Tell = Callable[[str, dict[str, object]], None]
+_TIMES = {1: "once", 2: "twice"}
 
 
 @dataclass(slots=True, eq=False)
@@ -96,6 +97,8 @@ class Worker:
     many : bool
         Many frames follow each other, and nobody waits for a single one: the process solves no drawn frames
         before it is ready, and keeps its memory from one frame to the next.
+    tries : int
+        So many processes may die of a frame before it is given up.
     """
 
     def __init__(
@@ -109,8 +112,9 @@ class Worker:
         margin_s: float = MARGIN_S,
         grace_s: float = GRACE_S,
         many: bool = False,
+        tries: int = 2,
     ) -> None:
-        self._many = many
+        self._many, self._tries = many, tries
         self._catalog = catalog
         self._tell = tell
         self._limits = limits or Limits()
@@ -249,7 +253,7 @@ class Worker:
     async def _carried_out(self, request: _Request) -> Verdict | Frame | None:
         """The answer; None if the caller left. A process that dies of it is replaced once."""
         fault: ProcessEnded | None = None
-        for _ in range(2):
+        for _ in range(self._tries):
             try:
                 warm = self._warm or await self._start()
                 if request.answer.done():
@@ -261,11 +265,12 @@ class Worker:
                 await self._drop()
                 if ended.out_of_cpu:
                     return self._given_up(request.work, "it used up its CPU time")
+        times = _TIMES.get(self._tries, f"{self._tries} times")
         raise DeviceError(
-            f"the solving process died twice over this frame: {fault}",
+            f"the solving process died {times} over this frame: {fault}",
             device="solver",
             advice="is there memory enough? the service goes on, and the next frame finds a new process",
-        )
+        ) from fault
 
     async def _start(self) -> _Warm:
         """Start the process and wait until it is warm. Raises `ProcessEnded`."""

@@ -2,9 +2,9 @@
 
     python -m benchmarks.archive.drawn FOLDER [--lists 1000] [--seed 1]
 
-writes FOLDER/lists/*.xy and FOLDER/frames.csv, whose columns ``file``, ``ra_deg``, ``dec_deg``, ``radius_deg``,
-``scale_arcsec_px`` `mountnav archive init --frames` takes, and ``true_ra_deg``, ``true_dec_deg``, ``poison``
-a judge.
+writes FOLDER/lists/*.xy and FOLDER/frames.csv. Of its columns `mountnav archive init --frames` takes
+``file``, ``ra_deg``, ``dec_deg``, ``radius_deg``, ``scale_arcsec_px``; ``true_ra_deg``, ``true_dec_deg`` and
+``poison`` are for a judge.
 """
 
 from __future__ import annotations
@@ -59,8 +59,10 @@ def draw(folder: Path, count: int, seed: int) -> Path:
             dec = float(np.clip(center.dec_deg + off[1], -90, 90))
             ra = (center.ra_deg + off[0] / max(math.cos(math.radians(dec)), 0.01)) % 360.0
             rows.writerow(
-                [name, f"{ra:.4f}", f"{dec:.4f}", 2, SCALE_ARCSEC_PX]
-                + [f"{center.ra_deg:.6f}", f"{center.dec_deg:.6f}", int(poison)]
+                [
+                    *(name, f"{ra:.4f}", f"{dec:.4f}", 2, SCALE_ARCSEC_PX),
+                    *(f"{center.ra_deg:.6f}", f"{center.dec_deg:.6f}", int(poison)),
+                ]
             )
     return table
 

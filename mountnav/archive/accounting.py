@@ -163,7 +163,9 @@ def _troubles_of(
         if (found := sha256_of(path / name)) != said["sha256"]:
             yield f"{name} is damaged: its SHA-256 is {found}, not {said['sha256']}"
             return
-    counts, solved, refused = Counts(), set(), set()
+    counts = Counts()
+    solved: set[object] = set()
+    refused: set[object] = set()
     seen: set[tuple[str, str | None]] = set()
     rows = read_rows(path / "frames.parquet", ["number", "file", "extension", "address", "sha256", "outcome"])
     entries = chunk.entries()

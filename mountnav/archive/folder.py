@@ -110,8 +110,11 @@ class Folder:
         return self.path / "list"
 
     def runs(self) -> list[str]:
-        """Names of the runs, the oldest first. Raises `OSError`."""
-        found = [(one.stat().st_mtime_ns, one.parent.name) for one in self.path.glob("runs/*/recipe.json")]
+        """Names of the runs, in the order in which they were begun. Raises `BadRequest`."""
+        found = []
+        for path in self.path.glob("runs/*/recipe.json"):
+            order = read_json(path).get("order")
+            found.append((order if isinstance(order, int) else 0, path.parent.name))
         return [name for _, name in sorted(found)]
 
     def run(self, name: str | None) -> RunFolder:

@@ -135,9 +135,13 @@ def begin_run(folder: Folder, recipe: Recipe) -> tuple[RunFolder, bool]:
     if (run.path / "recipe.json").exists():
         return run, False
     run.make()
-    write_json(
-        run.path / "recipe.json", {"hash": recipe.hash, "decides": recipe.decides, "options": recipe.options}
-    )
+    told = {
+        "order": len(folder.runs()),
+        "hash": recipe.hash,
+        "decides": recipe.decides,
+        "options": recipe.options,
+    }
+    write_json(run.path / "recipe.json", told)
     return run, True
 
 

@@ -12,7 +12,6 @@ import fcntl
 import os
 import platform
 import shutil
-import socket
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -228,7 +227,7 @@ def chunk_written(run: RunFolder, chunk: Chunk, recipe: Recipe) -> Iterator[Chun
 
 def _write_costs(path: Path, costs: list[Row]) -> None:
     """What the chunk took; an older account of it is replaced."""
-    beside = path.with_name(f".{path.name}.{socket.gethostname()}.{os.getpid()}")
+    beside = path.with_name(f".{path.name}.{platform.node()}.{os.getpid()}")
     beside.unlink(missing_ok=True)
     try:
         write_table(beside, COST_TABLE, costs, machine())
@@ -240,7 +239,7 @@ def _write_costs(path: Path, costs: list[Row]) -> None:
 
 def machine() -> dict[str, str]:
     """On what this runs: the host, its processor, the libraries that compute."""
-    told = {"host": socket.gethostname(), "machine": platform.machine(), "python": platform.python_version()}
+    told = {"host": platform.node(), "machine": platform.machine(), "python": platform.python_version()}
     for name in _LIBRARIES:
         with suppress(PackageNotFoundError):
             told[name] = installed(name)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -136,7 +137,11 @@ class TableFile:
 
     def abandon(self) -> None:
         """Close it as it is: nobody will read it."""
-        self._file.close()
+        with suppress(Exception):  # a full disk has been told already
+            self._writer.close()
+        self._writer.is_open = False  # else it tries again as it goes
+        with suppress(OSError):
+            self._file.close()
 
     def _flush(self) -> None:
         import pyarrow as pa

@@ -1,0 +1,75 @@
+"""What other programs take: headers of solved frames as files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Literal
+
+from api.archive.fetching import is_remote
+from api.batch.inputs import stem
+from mountnav.archive.folder import RunFolder
+from mountnav.archive.tables import read_rows
+from mountnav.errors import BadFrame
+from mountnav.files import open_plain, replace_bytes
+from mountnav.identification.tpv import tpv_cards
+from mountnav.reading.content import OnDisk
+from mountnav.reading.fits_update import wcs_header
+
+FOLDER_FRAMES = 10_000
+"""Files of a folder: more make many file systems slow."""
+
+
+def write_headers(run: RunFolder, out: Path, kind: Literal["sip", "tpv"]) -> int:
+    """Write a ``.wcs`` file for each frame that is solved.
+
+    Parameters
+    ----------
+    out : Path
+        Gets a folder for each `FOLDER_FRAMES` numbers of the list, and files ``NUMBER-NAME.wcs`` in it.
+    kind : {"sip", "tpv"}
+
+    Returns
+    -------
+    int
+        How many.
+
+    Raises
+    ------
+    OSError
+        They can't be written.
+    BadRequest
+        A chunk is damaged.
+    """
+    count = 0
+    for number in sorted(run.done()):
+        path = run.chunk(number)
+        cards = {
+            row["number"]: row["wcs"] for row in read_rows(path / "solutions.parquet", ["number", "wcs"])
+        }
+        for row in read_rows(path / "frames.parquet", ["number", "file", "extension"]):
+            place = row["number"]
+            if place not in cards:
+                continue
+            wcs = json.loads(str(cards[place]))
+            file, extension = str(row["file"]), row["extension"]
+            hdu = int(str(extension)) if str(extension).isdigit() else extension
+            content = _header(wcs if kind == "sip" else tpv_cards(wcs), file, hdu, run.name)  # type: ignore[arg-type]
+            folder = out / f"{int(place or 0) // FOLDER_FRAMES:05d}"
+            folder.mkdir(parents=True, exist_ok=True)
+            name = stem(file.rpartition("/")[2])[:100]
+            replace_bytes(folder / f"{place:09d}-{name}.wcs", content)
+            count += 1
+    return count
+
+
+def _header(cards: dict[str, str | int | float], file: str, hdu: int | str | None, run: str) -> bytes:
+    """The header, with the frame's other cards where it is a FITS file here that can still be read."""
+    history = [f"WCS by mountnav, run {run} of its archive"]
+    if not is_remote(file):
+        try:
+            with open_plain(Path(file)) as opened:
+                return wcs_header(cards, frame=OnDisk(opened), hdu=hdu, history=history, name=file)
+        except (OSError, BadFrame):
+            pass  # moved away since, or no image any more: its place in the sky is known all the same
+    return wcs_header(cards, history=history, name=file)

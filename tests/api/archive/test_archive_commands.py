@@ -1,0 +1,142 @@
+"""`mountnav archive` from the list to the report: what is solved, refused, set aside, and told."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from astropy.io import fits
+from pyarrow.dataset import dataset
+
+from benchmarks.archive.drawn import judged
+from mountnav.archive.folder import Folder
+from tests.api.archive.conftest import POISON, SOLVING
+from tests.api.command_here import run_here
+
+
+def _rows(archive: Path, name: str) -> list[dict[str, object]]:
+    run = Folder.open(archive).run(None)
+    return [
+        row for number in sorted(run.done()) for row in pq.read_table(run.chunk(number) / name).to_pylist()
+    ]
+
+
+@pytest.fixture(scope="module")
+def archive(poisoned: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An archive that was run in two parts, poison and all."""
+    path = tmp_path_factory.mktemp("made") / "archive"
+    done = run_here(
+        "archive",
+        "init",
+        path,
+        "--frames",
+        poisoned,
+        "--chunk-frames",
+        "4",
+        "--deadline",
+        "8",
+        "--pairs",
+        *SOLVING,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.startswith("12 frames in 3 chunks; run ")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(sys, "path", [str(POISON), *sys.path])
+        for part in ("1/2", "2/2"):
+            done = run_here("archive", "work", path, "--chunk", part)
+            assert done.returncode == 0, done.stderr
+    return path
+
+
+def test_every_frame_is_accounted_for(archive: Path, poisoned: Path) -> None:
+    frames = _rows(archive, "frames.parquet")
+    assert [row["number"] for row in frames] == list(range(12))
+    refusals = {row["number"]: row for row in _rows(archive, "refusals.parquet")}
+    codes = {number: row["reason_code"] for number, row in refusals.items()}
+    assert codes == {2: "HUNG", 4: "BAD_FRAME", 7: "DIED", 11: "UNREAD"}
+    assert refusals[2]["reason"] == "no answer within 8 s, in each of 2 tries"
+    assert refusals[7]["reason"] == "the process that solved it died of it, in each of 2 tries"
+    assert [row["number"] for row in refusals.values() if row["set_aside"]] == [2, 7]
+    solved = {row["number"]: row for row in _rows(archive, "solutions.parquet")}
+    found = judged([row | solved.get(row["number"], {}) for row in frames], poisoned)
+    assert (found["solved"], found["false"]) == (8, 0)
+    pairs = _rows(archive, "pairs.parquet")
+    assert {row["number"] for row in pairs} == set(solved)
+    assert {len(str(row["address"])) for row in frames} == {64}
+
+
+def test_status_verify_and_report_say_the_same(archive: Path, tmp_path: Path) -> None:
+    status = run_here("archive", "status", archive, "--json")
+    told = json.loads(status.stdout)
+    assert status.returncode == 0
+    assert (told["frames_done"], told["solved"], told["refused"], told["set_aside"]) == (12, 8, 2, 2)
+    verified = run_here("archive", "verify", archive, "--frames")
+    assert verified.returncode == 0, verified.stdout
+    assert "12 frames accounted for: 8 solved, 2 refused, 2 set aside" in verified.stdout
+    assert run_here("archive", "report", archive, "--out", tmp_path / "r.html").returncode == 0
+    page = (tmp_path / "r.html").read_text()
+    assert "hang.xy" in page
+    assert "no answer within 8 s" in page
+
+
+def test_what_is_done_is_not_done_again_and_only_from_the_same_settings(
+    archive: Path, poisoned: Path
+) -> None:
+    done = run_here("archive", "run", archive)
+    assert (done.returncode, done.stderr) == (0, "nothing is left to do\n")
+    again = run_here("archive", "again", archive, "--deadline", "8", "--pairs", *SOLVING)
+    assert "has these settings already" in again.stderr
+    other = run_here("archive", "init", archive, "--frames", poisoned, *SOLVING)
+    assert other.returncode == 2
+    assert "is not empty" in other.stderr
+
+
+def test_other_programs_read_it_without_us(archive: Path) -> None:
+    run = Folder.open(archive).run(None)
+    files = [*map(str, sorted(run.chunks.glob("*/solutions.parquet")))]
+    whole = dataset(files, partitioning="hive", partition_base_dir=str(run.chunks)).to_table()
+    assert set(whole["chunk"].to_pylist()) == {0, 1, 2}
+    assert whole.num_rows == 8
+    assert whole.schema.field("scale_arcsec_px").metadata[b"unit"] == b"arcsec / pix"
+
+
+def test_headers_are_written_for_other_programs(archive: Path, tmp_path: Path) -> None:
+    for kind, word in (("sip", "TAN"), ("tpv", "TPV")):
+        done = run_here("archive", "wcs", archive, "--out", tmp_path / kind, "--kind", kind)
+        assert done.stderr.startswith("8 headers")
+        first = tmp_path / kind / "00000" / "000000000-000000.wcs"
+        assert word in fits.Header.fromfile(first)["CTYPE1"]
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("init", "new", "--frames", "none-*.fits"), "nothing fits the pattern"),
+        (("init", "new", "--frames", "none.csv"), "No such file"),
+        (("init", "new", "--frames", "odd.csv"), "row 1, a.fits: "),
+        (("init", "new", "--frames", "odd.txt"), "nothing fits the pattern"),
+        (("init", "new", "--frames", "odd.csv", "--undated", "soon"), "'soon' is no date"),
+        (("init", "new", "--frames", "odd.csv", "--deadline", "0.1"), "too short"),
+        (("work", "new", "--chunk", "3/2"), "'3/2' is no part"),
+    ],
+)
+def test_bad_usage_is_one_line_and_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], why: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "odd.csv").write_text("file,ra_deg\na.fits,12.0\n")
+    (tmp_path / "odd.txt").write_text("none-*.fits\n")
+    done = run_here("archive", *words)
+    assert done.returncode == 2
+    assert why in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "new").exists()
+
+
+def test_an_archive_that_is_not_there_is_told(tmp_path: Path) -> None:
+    done = run_here("archive", "status", tmp_path / "none")
+    assert done.returncode == 1
+    assert "is no archive" in done.stderr
