@@ -498,17 +498,18 @@ def _ways(seen: Complex, there: Complex, least_px: float) -> tuple[Complex, Comp
     far = np.abs(there[m] - there[k])
     order = np.argsort(far)
     k, m, far = k[order], m[order], far[order]
+    span = (there[m] - there[k]) / np.maximum(far, 1e-9)
+    between = 0.5 * (there[k] + there[m])
+    straight = math.cos(FIELD_GREATEST_TURN_RAD)
     firsts, seconds, turns = [], [], []
     for i, j, length in zip(ones[wide], others[wide], lengths[wide], strict=True):
-        apart = seen[j] - seen[i]
         low, high = np.searchsorted(far, (length - FIELD_NEAR_PX, length + FIELD_NEAR_PX))
-        for a, b in ((k[low:high], m[low:high]), (m[low:high], k[low:high])):
-            turn = (there[b] - there[a]) / apart
-            turn /= np.abs(turn)
-            some = np.abs(np.angle(turn)) < FIELD_GREATEST_TURN_RAD
+        # both stars the other way round turn it by half a circle more
+        turn = span[low:high] * (np.conj(seen[j] - seen[i]) / length)
+        for one_way, some in ((turn, turn.real > straight), (-turn, turn.real < -straight)):
             firsts.append(np.full(int(some.sum()), 0.5 * (seen[i] + seen[j])))
-            seconds.append(0.5 * (there[a[some]] + there[b[some]]))
-            turns.append(turn[some])
+            seconds.append(between[low:high][some])
+            turns.append(one_way[some])
     if not firsts:
         return (np.zeros(0, dtype=complex),) * 3
     return np.concatenate(firsts), np.concatenate(seconds), np.concatenate(turns)

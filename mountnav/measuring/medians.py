@@ -1,4 +1,4 @@
-"""The median of a whole array, without what numpy's does besides: a solve takes some 90, most of few numbers."""
+"""The median of a whole array, without what numpy's does besides: a solve takes some 90 of them."""
 
 from __future__ import annotations
 
