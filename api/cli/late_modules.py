@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 
-UNUSED = ("numpy.f2py", "numpy.testing", "numpy.ma", "numpy.polynomial", "numpy.ctypeslib")
+UNUSED = ("numpy.f2py", "numpy.testing", "numpy.polynomial", "numpy.ctypeslib")
 """A solve calls none of them. If something does, it is imported then."""
 
 

@@ -325,7 +325,7 @@ def _end_of_round(step: _Step, search: Search) -> float:
     if step.rounds_left == 0:
         return math.inf
     left = max(0.0, ENOUGH_WORK - search.work)
-    return search.work + max(LATER_LEAST, SHARE_OF_LATER * left / step.rounds_left)
+    return search.work + max(LATER_LEAST, min(left, SHARE_OF_LATER * left / step.rounds_left))
 
 
 def _attempt(

@@ -18,8 +18,8 @@ DEAR = (
     *("mountnav.settings.observatory", "mountnav.simulation", "mountnav.measuring.calibration"),
 )
 UNUSED = (
-    *("pydantic.json_schema", "unittest", "numpy.f2py.crackfortran", "numpy.testing._private.utils"),
-    *("numpy.ma.core", "numpy.polynomial.chebyshev", "api.solver.solve_record", "api.http.app"),
+    *("unittest", "numpy.f2py.crackfortran", "numpy.testing._private.utils"),
+    *("numpy.polynomial.chebyshev", "api.solver.solve_record", "api.http.app"),
 )
 """What scipy names and a solve doesn't use (`api.cli.late_modules`); and the models of the service."""
 RUN = """
