@@ -12,7 +12,7 @@ from api.batch.inputs import FrameFile
 from api.http.file_names import shown
 
 if TYPE_CHECKING:
-    from api.solver.solve_record import Answer
+    from api.solver.solve_answer import Answer
     from mountnav.solution import Solution, Verdict
 
 HASHED_AT_ONCE = 1 << 20
@@ -54,7 +54,7 @@ class Outcome:
 
     def answer(self) -> Answer:
         """The record of `mountnav solve --json`."""
-        from api.solver.solve_record import solve_answer, unread_answer
+        from api.solver.solve_answer import solve_answer, unread_answer
 
         name = shown(self.frame.path)
         answer = (

@@ -133,6 +133,9 @@ def solve(
     Exit code 0 if all were solved, 1 if some were not or something couldn't be written, 2 on bad usage, 130
     when interrupted.
     """
+    from api.cli.late_modules import put_off_unused
+
+    put_off_unused()
     from api.batch.inputs import found_files
     from api.batch.result_files import Held
     from api.batch.writing import Wanted, Writing

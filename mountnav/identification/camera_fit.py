@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mountnav.identification.distortion import BASES, Belief, NormalEquations
 from mountnav.identification.plate import Plate, products
+from mountnav.measuring.medians import median
 
 Array = NDArray[np.float64]
 
@@ -158,7 +159,7 @@ def fit_camera(
     equations = NormalEquations(u, v, off, known2, unit, degree)
     seen = products(u, v, like.degree)
     distance2 = ((like.xi @ seen - xi) ** 2 + (like.eta @ seen - eta) ** 2) / scale**2
-    spread2 = 0.5 * float(np.median(distance2)) / np.log(2.0)
+    spread2 = 0.5 * median(distance2) / np.log(2.0)
     trust = _trust(distance2, known2 + spread2)
 
     def believed(trust: Array, near: Belief | None) -> Belief:

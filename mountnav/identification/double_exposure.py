@@ -20,6 +20,7 @@ from scipy.special import bdtrc
 from mountnav.catalog.stars import Stars
 from mountnav.identification.field_rotation import FEWEST, STARS
 from mountnav.identification.plate import Plate
+from mountnav.measuring.medians import median
 from mountnav.measuring.segmentation import LightSegments
 from mountnav.measuring.star_trail import REACH_PX
 
@@ -166,14 +167,14 @@ def unexplained_light(
     if known.size == 0:
         return None
     brightest = known[np.argsort(-own[known], kind="stable")][:STARS]
-    per_light = float(np.median(patches.flux[brightest] / own[brightest]))
+    per_light = median(patches.flux[brightest] / own[brightest])
     # a faint star that happens to lie in a bright patch doesn't explain it
     strange = patches.flux > UNEXPLAINED * per_light * own
     known = known[~strange[known]]
     if known.size == 0:
         return None
     known = known[np.argsort(-patches.flux[known], kind="stable")][:STARS]
-    bright = BRIGHT_SHARE * float(np.median(patches.flux[known[: STARS // 2]]))
+    bright = BRIGHT_SHARE * median(patches.flux[known[: STARS // 2]])
     others = np.flatnonzero(strange)
     others = others[np.argsort(-patches.flux[others], kind="stable")][:OTHERS]
     count = int((patches.flux[others] > bright).sum())
@@ -315,7 +316,7 @@ def _second(
     there = first + a[best] + b[best] * first
     away = np.abs(there[:, None] - second)
     near_by = away.min(axis=1) < IMAGE_NEAR_PX
-    ratio = float(np.median(second_flux[away.argmin(axis=1)[near_by]] / first_flux[near_by]))
+    ratio = median(second_flux[away.argmin(axis=1)[near_by]] / first_flux[near_by])
     return SecondImage(complex(a[best]), complex(b[best]), ratio, hits)
 
 
@@ -497,17 +498,18 @@ def _ways(seen: Complex, there: Complex, least_px: float) -> tuple[Complex, Comp
     far = np.abs(there[m] - there[k])
     order = np.argsort(far)
     k, m, far = k[order], m[order], far[order]
+    span = (there[m] - there[k]) / np.maximum(far, 1e-9)
+    between = 0.5 * (there[k] + there[m])
+    straight = math.cos(FIELD_GREATEST_TURN_RAD)
     firsts, seconds, turns = [], [], []
     for i, j, length in zip(ones[wide], others[wide], lengths[wide], strict=True):
-        apart = seen[j] - seen[i]
         low, high = np.searchsorted(far, (length - FIELD_NEAR_PX, length + FIELD_NEAR_PX))
-        for a, b in ((k[low:high], m[low:high]), (m[low:high], k[low:high])):
-            turn = (there[b] - there[a]) / apart
-            turn /= np.abs(turn)
-            some = np.abs(np.angle(turn)) < FIELD_GREATEST_TURN_RAD
+        # both stars the other way round turn it by half a circle more
+        turn = span[low:high] * (np.conj(seen[j] - seen[i]) / length)
+        for one_way, some in ((turn, turn.real > straight), (-turn, turn.real < -straight)):
             firsts.append(np.full(int(some.sum()), 0.5 * (seen[i] + seen[j])))
-            seconds.append(0.5 * (there[a[some]] + there[b[some]]))
-            turns.append(turn[some])
+            seconds.append(between[low:high][some])
+            turns.append(one_way[some])
     if not firsts:
         return (np.zeros(0, dtype=complex),) * 3
     return np.concatenate(firsts), np.concatenate(seconds), np.concatenate(turns)

@@ -19,6 +19,7 @@ from scipy import ndimage
 
 from mountnav.identification.double_exposure import UnexplainedLight
 from mountnav.measuring.background import Image
+from mountnav.measuring.medians import median
 from mountnav.measuring.segmentation import LightSegments
 from mountnav.measuring.star_trail import FAR_BIN_PX, REACH_PX
 
@@ -165,7 +166,7 @@ class _Sums:
 
         others, covered = summed(np.clip(level, -TAME_SIGMA, CUT_SIGMA) * good), summed(good) / area
         clear = others[covered > COVERED]
-        spread = float(np.median(np.abs(clear - np.median(clear)))) if clear.size else math.inf
+        spread = median(np.abs(clear - median(clear))) if clear.size else math.inf
         return cls(summed(level), others, covered, 1.4826 * spread)
 
     def _bins_at(self, places: NDArray[np.complex128]) -> tuple[Index, Index]:
@@ -223,8 +224,8 @@ def _measured(
     chance = score[1:][measured[1:]]
     if chance.size < OTHER_OFFSETS // 4:
         return None
-    middle = float(np.median(chance))
-    scatter = 1.4826 * float(np.median(np.abs(chance - middle)))
+    middle = median(chance)
+    scatter = 1.4826 * median(np.abs(chance - middle))
     seen = float((values[0] * weight[0]).sum() / square[0])
     if scatter <= 0.0 or not share / SHARE_AGREES < seen < share * SHARE_AGREES:
         return None

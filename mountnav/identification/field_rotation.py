@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mountnav.measuring.medians import median
 from mountnav.measuring.segmentation import LightSegments
 from mountnav.measuring.star_trail import REACH_PX
 
@@ -136,13 +137,13 @@ class Centers:
             left.append(off - motion.center_px - motion.turn * place)
         away, scattered = (
             min(abs(_median(one)) for one in left),
-            min(float(np.median(np.abs(one))) for one in left),
+            min(median(np.abs(one)) for one in left),
         )
         return int(off.size), away, scattered
 
 
 def _median(of: Complex) -> complex:
-    return complex(float(np.median(of.real)), float(np.median(of.imag)))
+    return complex(median(of.real), median(of.imag))
 
 
 def centers_of_light(
@@ -185,7 +186,7 @@ def field_motion(centers: Centers) -> FieldMotion | None:
         return None
     i, j = np.triu_indices(place.size, 1)
     apart = np.abs(place[i] - place[j])
-    far = apart > 0.5 * np.median(apart)
+    far = apart > 0.5 * median(apart)
     i, j = i[far], j[far]
     b = (off[i] - off[j]) / (place[i] - place[j])
     a = off[i] - b * place[i]

@@ -90,16 +90,22 @@ class MatchGrid:
         shift: NDArray[np.complex128],
         mirrored: NDArray[np.bool_],
         w: NDArray[np.complex128],
+        of: Index | None = None,
     ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
         """Measurement in each predicted position's cell, and whether it is in the frame; shape (n, stars)."""
         back = 1.0 / turn
         start = -shift * back
         sign = np.where(mirrored, -1.0, 1.0)
-        along = np.stack((w.real, w.imag, np.ones(w.size))).astype(np.float32)
         # in cells; single precision is a thousandth of a pixel
         to_x = np.stack((back.real, -back.imag, start.real), axis=1) / self._cell
         to_y = np.stack((back.imag, back.real, start.imag), axis=1) * (sign / self._cell)[:, None]
-        x, y = to_x.astype(np.float32) @ along, to_y.astype(np.float32) @ along
+        to_x, to_y = to_x.astype(np.float32), to_y.astype(np.float32)
+        if of is None:
+            along = np.stack((w.real, w.imag, np.ones(w.size))).astype(np.float32)
+            x, y = to_x @ along, to_y @ along
+        else:
+            east, north = w.real.astype(np.float32)[of], w.imag.astype(np.float32)[of]
+            x, y = (side[:, :1] * east + side[:, 1:2] * north + side[:, 2:] for side in (to_x, to_y))
         least, right, high = (
             np.float32(edge_px / self._cell) for edge_px in (-0.5, self._width - 0.5, self._height - 0.5)
         )
@@ -119,25 +125,65 @@ class MatchGrid:
         turn: NDArray[np.complex128],
         shift: NDArray[np.complex128],
         mirrored: NDArray[np.bool_],
-        w: NDArray[np.complex128],
+        stars: Proof,
     ) -> Index:
         """Which plates hit anything beyond their own triangle among the brightest stars; shape (k,)."""
-        if w.size <= FIRST_STARS:
+        few = stars.count <= FIRST_STARS
+        if few.all():
             return np.arange(turn.size, dtype=np.int64)
-        owners, _ = self._owners(turn, shift, mirrored, w[:FIRST_STARS])
-        return np.flatnonzero(np.count_nonzero(owners, axis=1) >= FIRST_HITS)
+        owners, _ = self._owners(turn, shift, mirrored, stars.w[..., :FIRST_STARS], stars.of)
+        hit = np.count_nonzero(owners, axis=1) >= FIRST_HITS
+        return np.flatnonzero(hit if stars.of is None else hit | few[stars.of])
 
     def count(
         self,
         turn: NDArray[np.complex128],
         shift: NDArray[np.complex128],
         mirrored: NDArray[np.bool_],
-        w: NDArray[np.complex128],
+        stars: Proof,
     ) -> tuple[Array, Array, Array]:
         """Hits, close hits (each measurement once at most) and predictions in the frame; shape (n,) each."""
-        owners, inside = self._owners(turn, shift, mirrored, w)
+        owners, inside = self._owners(turn, shift, mirrored, stars.w, stars.of)
         far, close = (owners & _FAR).astype(np.int16), (owners >> _CLOSE_BITS).astype(np.int16)
         return _different(far), _different(close), np.count_nonzero(inside, axis=1).astype(float)
+
+
+NOWHERE_ARCSEC = 1e8
+"""Stars that fill up the list of a tile with fewer than others lie so far off that no frame has them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """The stars that plates are held against: of one tile, or of several.
+
+    Attributes
+    ----------
+    w : ndarray of complex, shape (stars,) or (tiles, stars)
+        ξ + iη in arcsec, brightest first.
+    count : ndarray of int, shape (tiles,)
+        How many of them are stars.
+    of : ndarray of int, shape (n,), or None
+        To which of the tiles each plate belongs.
+    """
+
+    w: NDArray[np.complex128]
+    count: Index
+    of: Index | None = None
+
+    @classmethod
+    def of_tiles(cls, stars: list[NDArray[np.complex128]], of: Index) -> Proof:
+        """The stars of each tile, for plates of these tiles."""
+        count = np.array([one.size for one in stars], dtype=np.int64)
+        if len(stars) == 1:
+            return cls(stars[0], count)
+        w = np.full((len(stars), int(count.max())), complex(NOWHERE_ARCSEC, NOWHERE_ARCSEC))
+        for row, one in zip(w, stars, strict=True):
+            row[: one.size] = one
+        return cls(w, count, of)
+
+    def only(self, chosen: Index) -> Proof:
+        """The same for some of the plates."""
+        return self if self.of is None else Proof(self.w, self.count, self.of[chosen])
 
 
 def _different(owner: NDArray[np.int16]) -> Array:
@@ -169,6 +215,9 @@ OWN_STEPS = 1.0
 """A tile's hypotheses are those whose frame has its center no farther from the tile's middle than so many
 steps of the tiles: no position is farther than 0.58 from the nearest. Doubled, each hypothesis is tried in
 seven tiles; halved, positions between tiles belong to none."""
+TILE_WORK, HYPOTHESIS_WORK = 4_000, 20
+"""What visiting a tile, and trying a hypothesis, cost in catalog triangles: measured, ±20 % between rounds.
+Doubled, rounds of many tiles end earlier beside those of few."""
 AREAS_REMEMBERED = 40
 """Search areas remembered at once: every round visits the same. A limit of memory."""
 
@@ -238,6 +287,11 @@ class Search:
         The index of the whole sky was searched.
     anchors : Anchors
         Which parts of the sky were searched, at what scales: the second kind of odds needs it.
+    work : int
+        What triangles have cost so far, in catalog triangles (`TILE_WORK`, `HYPOTHESIS_WORK`): the same on
+        any machine.
+    round_ends : float
+        The round under way ends where `work` exceeds this.
     """
 
     budget: Budget
@@ -250,6 +304,8 @@ class Search:
     most_published: float = 0.0
     strobe_chance: float = 0.0
     anchors: Anchors = field(default_factory=Anchors)
+    work: int = 0
+    round_ends: float = np.inf
     _areas: dict[tuple[float, ...], SearchArea] = field(default_factory=dict)
     _pieces: dict[bytes, Index] = field(default_factory=dict)
 
@@ -368,27 +424,59 @@ def hypotheses(
         epoch_yr=epoch_yr,
         most_tiles=turn.most_tiles,
     )
-    work = 0
+    finder = _Finder(area, turn, frame, frame_triangles, index, grid, settings, search)
+    work = waiting = 0
+    group: list[_TileStars] = []
     for number in range(len(area)):
         tile = area.tile(number)
         if tile.off_deg < turn.inner_deg:
             continue
         search.check_time()
         search.tiles_tried += 1
+        search.work += TILE_WORK
         search.reach_deg = max(search.reach_deg, tile.off_deg)
         if tile.stars.size < settings.min_pairs:
             continue
         places = _flat(tile, area)
         chosen = _corners(*places, turn, tile_deg, settings)
         count = int(chosen.size)
-        work += count * (count - 1) * (count - 2) // 6
+        triangles = count * (count - 1) * (count - 2) // 6
+        work += triangles
         if work <= turn.from_triangles:
             continue  # an earlier round was here
-        yield from _in_tile(
-            tile, places, chosen, area, turn, frame, frame_triangles, index, grid, settings, search
-        )
-        if work > turn.most_triangles:
-            return
+        search.work += triangles
+        group.append(_TileStars(tile, *places, chosen, search.tiles_tried, search.reach_deg))
+        waiting += triangles
+        # the nearest tile by itself: most hints mean it
+        if waiting > TOGETHER_TRIANGLES or len(group) >= TOGETHER_TILES or number == 0:
+            yield from finder.proposed(group)
+            group, waiting = [], 0
+        if work > turn.most_triangles or search.work > search.round_ends:
+            break
+    yield from finder.proposed(group)
+
+
+TOGETHER_TRIANGLES, TOGETHER_TILES = 30_000, 24
+"""Tiles are searched together until they have so many catalog triangles, or are so many: what a call of numpy
+costs is then paid once for all of them. It changes time, no result."""
+
+
+@dataclass(frozen=True, slots=True)
+class _TileStars:
+    """A tile with its stars about its middle, arcsec; and what was counted when it was visited."""
+
+    tile: Tile
+    xi: Array
+    eta: Array
+    chosen: Index
+    tiles_tried: int
+    reach_deg: float
+
+    @property
+    def corners(self) -> NDArray[np.complex128]:
+        """The stars that make triangles."""
+        w: NDArray[np.complex128] = self.xi[self.chosen] + 1j * self.eta[self.chosen]
+        return w
 
 
 def _angle_rad(turn: Round, shorter_px: int, settings: IdentificationSettings) -> float:
@@ -424,77 +512,144 @@ def _corners(xi: Array, eta: Array, turn: Round, tile_deg: float, settings: Iden
     return np.asarray(inner[spread_brightest(xi[inner], eta[inner], most, regions=regions, cap=cap)])
 
 
-def _in_tile(
-    tile: Tile,
-    places: tuple[Array, Array],
-    chosen: Index,
-    area: SearchArea,
-    turn: Round,
-    frame: Points,
-    frame_triangles: Triangles,
-    index: TriangleIndex,
-    grid: MatchGrid,
-    settings: IdentificationSettings,
-    search: Search,
-) -> Iterator[Hypothesis]:
-    """Hypotheses of one tile, best of each chunk first."""
-    ra_deg, dec_deg = area.stars.ra_deg[tile.stars], area.stars.dec_deg[tile.stars]
-    xi, eta = places
-    cap, regions, scales = settings.region_cap, settings.m_reg, turn.scales
-    proved = spread_brightest(xi, eta, settings.n_confirm_stars, regions=regions, cap=cap)
-    least_arcsec = settings.k_height * 0.5 * (frame.width_px + frame.height_px) * scales[0] * 0.99
-    shortest_arcsec, longest_arcsec = index.length_bounds()
-    catalog_triangles = make_triangles(
-        xi[chosen],
-        eta[chosen],
-        min_side=least_arcsec,
-        min_height=least_arcsec,
-        max_side=min(float(np.hypot(frame.width_px, frame.height_px)) * scales[1] * 1.01, longest_arcsec),
-        min_longest=shortest_arcsec,
-        wanted=index.may_hold,
-    )
-    of_frame, of_catalog = index.like(catalog_triangles)
-    z = frame.x_px + 1j * frame.y_px
-    w = xi[chosen] + 1j * eta[chosen]
-    w_proof = xi[proved] + 1j * eta[proved]
-    middle = 0.5 * complex(frame.width_px - 1, frame.height_px - 1)
-    own_arcsec = OWN_STEPS * settings.tile_step * min(frame.width_px, frame.height_px) * scales[1]
-    for start in range(0, of_frame.size, CHUNK):
-        search.check_time()
-        a = frame_triangles.corners[of_frame[start : start + CHUNK]]
-        b = catalog_triangles.corners[of_catalog[start : start + CHUNK]]
+@dataclass(frozen=True, slots=True)
+class _Finder:
+    """Compares tiles with the frame: what a round needs for that."""
+
+    area: SearchArea
+    turn: Round
+    frame: Points
+    frame_triangles: Triangles
+    index: TriangleIndex
+    grid: MatchGrid
+    settings: IdentificationSettings
+    search: Search
+
+    def proposed(self, group: list[_TileStars]) -> Iterator[Hypothesis]:
+        """Hypotheses of some tiles, tile after tile, the best of each chunk first."""
+        if not group:
+            return
+        settings, frame, scales, search = self.settings, self.frame, self.turn.scales, self.search
+        least_arcsec = settings.k_height * 0.5 * (frame.width_px + frame.height_px) * scales[0] * 0.99
+        shortest_arcsec, longest_arcsec = self.index.length_bounds()
+        w = np.concatenate([one.corners for one in group])
+        sizes = [int(one.chosen.size) for one in group]
+        triangles = make_triangles(
+            w.real,
+            w.imag,
+            min_side=least_arcsec,
+            min_height=least_arcsec,
+            max_side=min(float(np.hypot(frame.width_px, frame.height_px)) * scales[1] * 1.01, longest_arcsec),
+            min_longest=shortest_arcsec,
+            wanted=self.index.may_hold,
+            lists=sizes,
+        )
+        first_star = np.concatenate(([0], np.cumsum(sizes)))
+        tile_of = np.repeat(np.arange(len(group)), sizes)[triangles.corners[:, 0]]
+        of_frame, of_catalog = self.index.like(triangles, tile_of)
+        of_tile = tile_of[of_catalog]
+        counts = np.bincount(of_tile, minlength=len(group))
+        for start, end in _runs(counts):
+            search.check_time()
+            a = self.frame_triangles.corners[of_frame[start:end]]
+            b = triangles.corners[of_catalog[start:end]]
+            yield from self._followed(group, of_tile[start:end], a, b, w, first_star)
+
+    def _followed(
+        self,
+        group: list[_TileStars],
+        of_tile: Index,
+        a: Index,
+        b: Index,
+        w: NDArray[np.complex128],
+        first_star: Index,
+    ) -> Iterator[Hypothesis]:
+        """The best of a chunk, in which each tile's are together; `a` and `b` are like triangles' corners."""
+        settings, frame, search, grid = self.settings, self.frame, self.search, self.grid
+        scales = self.turn.scales
+        z = frame.x_px + 1j * frame.y_px
+        middle = 0.5 * complex(frame.width_px - 1, frame.height_px - 1)
+        own_arcsec = OWN_STEPS * settings.tile_step * min(frame.width_px, frame.height_px) * scales[1]
         factor, shift, mirrored, kept = constants(z[a], w[b], scales, settings.skew_max)
         # a frame that lies about another tile's middle is that tile's to propose
         there = factor * np.where(mirrored, middle.conjugate(), middle) + shift
-        own = np.abs(there) <= own_arcsec
+        own = np.flatnonzero(np.abs(there) <= own_arcsec)
+        if own.size == 0:
+            return
         factor, shift, mirrored, kept = factor[own], shift[own], mirrored[own], kept[own]
-        search.hypotheses += int(factor.size)
-        look = grid.promising(factor, shift, mirrored, w_proof)
-        if look.size == 0:
-            continue
-        a, b = a[kept[look]], b[kept[look]]
-        factor, shift, mirrored = factor[look], shift[look], mirrored[look]
-        hits, close, predicted = grid.count(factor, shift, mirrored, w_proof)
-        chance = 2.0 * np.minimum(
-            binomial_sf(hits - 3, predicted - 3, grid.chances[0]),
-            binomial_sf(close - 3, predicted - 3, grid.chances[1]),
-        )
-        good = (hits - 3 >= 2) & (chance * search.hypotheses < FOLLOWED_UP_BELOW)
-        ranked = np.flatnonzero(good)[np.argsort(chance[good], kind="stable")]
-        for best in ranked[:FINALISTS]:
-            yield Hypothesis(
-                plate=similarity_plate(
-                    tile.place,
-                    complex(factor[best]),
-                    complex(shift[best]),
-                    mirrored=bool(mirrored[best]),
-                    width_px=frame.width_px,
-                    height_px=frame.height_px,
-                ),
-                corners=Corners(
-                    x_px=frame.x_px[a[best]],
-                    y_px=frame.y_px[a[best]],
-                    ra_deg=ra_deg[chosen][b[best]],
-                    dec_deg=dec_deg[chosen][b[best]],
-                ),
+        tiles, of = np.unique(of_tile[kept], return_inverse=True)
+        # each tile's odds count what was tried up to its own
+        tried = search.hypotheses + np.cumsum(np.bincount(of))
+        stars = Proof.of_tiles([self._proof(group[tile]) for tile in tiles], of)
+        ended = search.hypotheses + int(factor.size), search.tiles_tried, search.reach_deg
+        look = grid.promising(factor, shift, mirrored, stars)
+        if look.size:
+            a, b, of = a[kept[look]], b[kept[look]], of[look]
+            factor, shift, mirrored = factor[look], shift[look], mirrored[look]
+            hits, close, predicted = grid.count(factor, shift, mirrored, stars.only(look))
+            chance = 2.0 * np.minimum(
+                binomial_sf(hits - 3, predicted - 3, grid.chances[0]),
+                binomial_sf(close - 3, predicted - 3, grid.chances[1]),
             )
+            good = np.flatnonzero((hits - 3 >= 2) & (chance * tried[of] < FOLLOWED_UP_BELOW))
+            ranked = good[np.lexsort((chance[good], of[good]))]
+            for number in np.unique(of[ranked]):
+                one = group[tiles[number]]
+                search.hypotheses, search.tiles_tried = int(tried[number]), one.tiles_tried
+                search.reach_deg = one.reach_deg
+                for best in ranked[of[ranked] == number][:FINALISTS]:
+                    yield self._hypothesis(
+                        one,
+                        (complex(factor[best]), complex(shift[best]), bool(mirrored[best])),
+                        a[best],
+                        b[best] - first_star[tiles[number]],
+                    )
+        search.hypotheses, search.tiles_tried, search.reach_deg = ended
+        search.work += HYPOTHESIS_WORK * int(own.size)
+
+    def _proof(self, one: _TileStars) -> NDArray[np.complex128]:
+        """The stars of a tile that plates are held against."""
+        cap, regions = self.settings.region_cap, self.settings.m_reg
+        proved = spread_brightest(one.xi, one.eta, self.settings.n_confirm_stars, regions=regions, cap=cap)
+        w: NDArray[np.complex128] = one.xi[proved] + 1j * one.eta[proved]
+        return w
+
+    def _hypothesis(
+        self, one: _TileStars, similarity: tuple[complex, complex, bool], of_frame: Index, of_tile: Index
+    ) -> Hypothesis:
+        turn, shift, mirrored = similarity
+        frame, stars = self.frame, one.tile.stars[one.chosen][of_tile]
+        return Hypothesis(
+            plate=similarity_plate(
+                one.tile.place,
+                turn,
+                shift,
+                mirrored=mirrored,
+                width_px=frame.width_px,
+                height_px=frame.height_px,
+            ),
+            corners=Corners(
+                x_px=frame.x_px[of_frame],
+                y_px=frame.y_px[of_frame],
+                ra_deg=self.area.stars.ra_deg[stars],
+                dec_deg=self.area.stars.dec_deg[stars],
+            ),
+        )
+
+
+def _runs(counts: Index) -> Iterator[tuple[int, int]]:
+    """Cut hypotheses in chunks: of several whole tiles, or a part of one that has too many."""
+    start = end = 0
+    for count in counts.tolist():
+        if end > start and end - start + count > CHUNK:
+            yield start, end
+            start = end
+        end += count
+        while end - start > CHUNK:
+            yield start, start + CHUNK
+            start += CHUNK
+            if end - start <= CHUNK and end > start:
+                yield start, end
+                start = end
+    if end > start:
+        yield start, end

@@ -14,6 +14,7 @@ from mountnav.identification.plate import Plate
 from mountnav.identification.selection import rank_in_cell
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Flag, Measurements
+from mountnav.measuring.medians import median
 from mountnav.sky.coordinates import Icrs
 
 Array = NDArray[np.float64]
@@ -353,7 +354,7 @@ class Candidates:
         self._x_px, self._y_px = m.x_px[usable], m.y_px[usable]
         fwhm = m.fwhm_px[usable]
         fwhm = fwhm[np.isfinite(fwhm) & (fwhm > 0)]
-        self._fwhm_px = float(np.clip(np.median(fwhm), 1.0, 15.0)) if fwhm.size else 3.0
+        self._fwhm_px = float(np.clip(median(fwhm), 1.0, 15.0)) if fwhm.size else 3.0
         centroid = np.sqrt(0.5 * (m.x_sigma_px**2 + m.y_sigma_px**2))
         centroid = np.where(np.isfinite(centroid), centroid, UNKNOWN_CENTROID_PX)
         saturated = (m.flags & int(Flag.SATURATED)) != 0

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mountnav.catalog.stars import StarFlag
 from mountnav.measuring.measurements import Flag
+from mountnav.measuring.medians import median
 from mountnav.solution import IdentifiedPairs
 
 Array = NDArray[np.float64]
@@ -153,7 +154,7 @@ def fit_photometry(pairs: IdentifiedPairs) -> Photometry | None:
     offset = pairs.mag[chosen] - instrumental_magnitudes(flux)
     noise = _MAG_PER_LN * np.nan_to_num(np.maximum(pairs.flux_sigma[chosen], 0.0)) / flux
     colored = np.isfinite(color)
-    pivot = float(np.median(color[colored])) if colored.any() else math.nan
+    pivot = median(color[colored]) if colored.any() else math.nan
     beside = np.where(colored, color - pivot, 0.0)
     spread = float(beside[colored].std()) if colored.any() else 0.0
     data = _Data(offset, noise, beside, np.where(colored, 0.0, spread))
@@ -207,8 +208,8 @@ class _Fit:
 def _fitted(data: _Data, *, with_color: bool) -> _Fit:
     """Fit, scatter and clipping in turns until none changes."""
     count = data.offset.size
-    middle = float(np.median(data.offset))
-    mad = float(np.median(np.abs(data.offset - middle)))
+    middle = median(data.offset)
+    mad = median(np.abs(data.offset - middle))
     # few values have too small a median deviation
     scatter = max(_SIGMA_PER_MAD * mad * count / (count - 0.8), LEAST_SCATTER_MAG)
     fit = _Fit(middle, 0.0, math.inf, math.nan, scatter, np.ones(count, dtype=bool))

@@ -20,6 +20,7 @@ from mountnav.identification.pairing import Candidates, Pairs, within_k_rej
 from mountnav.identification.plate import SIMILARITY, Plate
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Measurements
+from mountnav.measuring.medians import median
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import IdentifiedPairs
 
@@ -47,7 +48,7 @@ def cross_validated(fit: CameraFit, sigma_arcsec: Array) -> float:
         The same for all fits that are to be compared.
     """
     apart = fit.influence.apart_arcsec / sigma_arcsec
-    return float(np.sqrt(np.mean(np.minimum(apart, OUTLYING * np.median(apart)) ** 2)))
+    return float(np.sqrt(np.mean(np.minimum(apart, OUTLYING * median(apart)) ** 2)))
 
 
 def gains(lower: CameraFit, higher: CameraFit, share: float) -> bool:
@@ -360,7 +361,7 @@ class Selection:
 
     def _narrower(self, plate: Plate, pairs: Pairs, strobe_px: float) -> float:
         """The strobe that the pairs' deviations need; never wider than before."""
-        return float(np.clip(5.0 * np.median(self._deviation_px(plate, pairs)), 1.0, strobe_px))
+        return float(np.clip(5.0 * median(self._deviation_px(plate, pairs)), 1.0, strobe_px))
 
     def _judged(self, plate: Plate, strobe_px: float) -> _Held | None:
         """The highest degree; or a lower one, if by the pairs of the highest it is as good."""

@@ -11,10 +11,11 @@ from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.star_counts import depth_for
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Hint
-from mountnav.identification.full import Search
+from mountnav.identification.full import Search, match_radius
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Measurements, StarImages
+from mountnav.measuring.medians import median
 from mountnav.solution import Reason
 from mountnav.units import SKY_DEG2
 
@@ -171,7 +172,7 @@ def _likely(
     width = m.fwhm_px[clean]
     width = width[np.isfinite(width) & (width > 0)]
     if width.size:
-        numbers["fwhm_px"] = float(np.median(width))
+        numbers["fwhm_px"] = median(width)
     has = in_field(catalog, hint, m.width_px, m.height_px, epoch_yr=epoch_yr)
     promised = None
     if has is not None:
@@ -214,10 +215,17 @@ def _likely(
             numbers,
         )
     if search.best_probability < CHANCE_WORTH_TELLING:
+        more = stars_wanted(search.best_probability, clean.size, m.width_px, m.height_px, settings)
+        advice = ""
+        if more is not None:
+            numbers["more_stars"] = float(more)
+            advice = f": {more} more {'star' if more == 1 else 'stars'} that match would do"
+            if has is not None:
+                advice += f" (the catalog has about {has:.0f} in a field this size)"
         return Refusal(
             Reason.CHANCE,
             f"the best match has a false-positive probability of {search.best_probability:.1e}, allowed is "
-            f"{settings.false_probability_max:.0e} ({clean.size} stars, {tried})",
+            f"{settings.false_probability_max:.0e}{advice} ({clean.size} stars, {tried})",
             numbers,
         )
     if clean.size < SURE_STARS:
@@ -231,6 +239,34 @@ def _likely(
     if settings.v_min_ident is not None:
         detail += _counted(search, settings.v_min_ident, settings.match_px)
     return Refusal(Reason.NO_MATCH, detail, numbers)
+
+
+def stars_wanted(
+    probability: float, measured: int, width_px: int, height_px: int, settings: IdentificationSettings
+) -> int | None:
+    """How many more catalog stars on measurements would bring a match below the allowed odds.
+
+    Parameters
+    ----------
+    probability : float
+        False-positive probability of the match.
+    measured : int
+        Measurements that stars may fall on.
+    width_px, height_px : int
+        Size of the frame.
+
+    Returns
+    -------
+    int or None
+        Rather too many than too few: each is held to be as far off as a match may be. None in a crowd, where
+        so wide a match says next to nothing.
+    """
+    reach_px = match_radius(settings, width_px, height_px)
+    by_chance = -math.expm1(-measured * math.pi * reach_px**2 / (width_px * height_px))
+    if by_chance > CROWDED_STROBES:
+        return None
+    missing = math.log(probability / settings.false_probability_max)
+    return max(1, math.ceil(missing / -math.log(by_chance)))
 
 
 def _counted(search: Search, required: float, match_px: float) -> str:

@@ -36,6 +36,17 @@ none of them is flagged, asking again brings nothing new."""
 NEAR_FIELDS = 3.0
 """A hinted radius of up to so many fields is searched tile by tile before the whole sky is."""
 
+ENOUGH_WORK = 16_000_000
+"""Work of triangles, in catalog triangles, that a search may take beside an index of the sky: 1.2 CPU s on
+the machine of docs/speed.md. Doubled, a hopeless frame costs a second more; halved, frames below 0.6° are
+lost that a hint misses by several fields."""
+LATER_LEAST = 300_000
+"""But each round has so much work, the nearest tiles: an area so wide that its first round takes all of the
+above is still looked at deeper in its middle."""
+SHARE_OF_LATER = 2.0
+"""A later round may take so many times its fair share of what is left: most take less, and leave it to those
+after them. Chosen by hand."""
+
 _CALLER = Hint().scale_source
 
 
@@ -161,6 +172,8 @@ class _Step:
     scales: tuple[float, float] | None = None
     first_only: bool = False
     all_sources: bool = False
+    rounds_left: int = 0
+    """Of a round that is bounded: how many there are with it and after it; 0: it has all it wants."""
 
     @property
     def flagged(self) -> bool:
@@ -212,8 +225,9 @@ def _steps(
     if not near and (reach.thorough or not sky):
         yield from part(0)
     if reach.thorough:
-        yield from part(1)
-        yield from part(2)
+        later = [*part(1), *part(2)]
+        for number, step in enumerate(later):
+            yield replace(step, rounds_left=len(later) - number) if indexed else step
     if sky and again and not reach.rough:
         yield from _whole_sky([] if only else believed, all_sources=True)
 
@@ -306,6 +320,14 @@ def _reconciled(hint: Hint) -> Hint:
     return replace(hint, scale_low_arcsec_px=None, scale_high_arcsec_px=None)
 
 
+def _end_of_round(step: _Step, search: Search) -> float:
+    """Up to what work a round may go: of what is left, later ones have a share."""
+    if step.rounds_left == 0:
+        return math.inf
+    left = max(0.0, ENOUGH_WORK - search.work)
+    return search.work + max(LATER_LEAST, min(left, SHARE_OF_LATER * left / step.rounds_left))
+
+
 def _attempt(
     step: _Step,
     measurements: Measurements,
@@ -329,6 +351,7 @@ def _attempt(
         if math.hypot(width, height) * turn.scales[0] / 3600 > WIDEST_FRAME_DEG:
             return None
         search.anchors.searched(SearchedPart(step.center, turn.outer_deg, turn.scales, usable.size))
+        search.round_ends = _end_of_round(step, search)
         proposals = hypotheses(
             points, turn, catalog, step.center, epoch_yr=epoch_yr, settings=settings, search=search
         )

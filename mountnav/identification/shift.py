@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from mountnav.identification.selection import all_finite, rank_in_cell, star_like
 from mountnav.identification.settings import PreliminarySettings
 from mountnav.measuring.measurements import Measurements
+from mountnav.measuring.medians import median
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -264,14 +265,14 @@ def _narrowed(
     keep = deviation <= strobe
     variance = first.sigma_px[one] ** 2 + second.sigma_px[two] ** 2 + FLOOR_PX**2
     # no pair, however bright, makes the mean alone: seeing and optics move bright stars as well
-    variance = np.maximum(variance, 0.25 * float(np.median(variance)))
+    variance = np.maximum(variance, 0.25 * median(variance))
     for _ in range(5):
         if int(keep.sum()) < LEAST_PAIRS:
             return None
         weight = np.where(keep, 1.0 / variance, 0.0)
         center = (weight[:, None] * d).sum(axis=0) / weight.sum()
         z2 = ((d - center) ** 2).sum(axis=1) / variance
-        spread = max(1.0, float(np.median(z2[keep])) / 1.386)  # the median of two squared normal deviates
+        spread = max(1.0, median(z2[keep]) / 1.386)  # the median of two squared normal deviates
         again = (z2 <= CUT_SIGMA**2 * spread) & (deviation <= strobe)
         if np.array_equal(again, keep):
             break

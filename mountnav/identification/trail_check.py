@@ -31,6 +31,7 @@ from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.verification import KEPT_SHARE, Identified, is_sound, reach_of
 from mountnav.measuring.background import Image
 from mountnav.measuring.measurements import Flag, Measurements
+from mountnav.measuring.medians import median
 from mountnav.measuring.segmentation import LightSegments, segment_light
 from mountnav.measuring.star_trail import (
     FEW_STARS,
@@ -519,7 +520,7 @@ def _bright_unexplained(
             )
     if len(reference.pairs) >= FEW_STARS:
         return ""
-    bright = float(np.median(known))
+    bright = median(known)
     # as faint as the catalog's faintest stars here sources of light need not be in it
     faintest = float(np.nanmax(mag, initial=-np.inf))
     middle = float(np.nanmedian(stars.mag[reference.pairs.star])) if len(reference.pairs) else np.inf
@@ -669,7 +670,7 @@ def _as_ghosts(found: Identified, ratio: float, how: str) -> Identified:
 def _fwhm_px(measurements: Measurements, chosen: NDArray[np.int64]) -> float:
     fwhm = measurements.fwhm_px[chosen]
     fwhm = fwhm[np.isfinite(fwhm)]
-    return float(np.median(fwhm)) if fwhm.size else 3.0
+    return median(fwhm) if fwhm.size else 3.0
 
 
 def _with_error(reference: Reference, variance_arcsec2: float) -> Reference:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -39,12 +39,30 @@ class Triangles:
         return int(self.corners.shape[0])
 
 
-@lru_cache(maxsize=16)
+FEW_POINTS = 50
+"""Tables of triples are kept for every number of points up to this, 12 MB in all: tiles of poor fields have
+each another. Doubled, 200 MB."""
+
+
 def _triples(count: int) -> tuple[Index, Index]:
     """All index triples below `count`, those of the brightest points first; shape (3, C(count, 3)).
 
     And for each corner where the side opposite to it stands in a flattened table of distances.
     """
+    return _triples_of_few(count) if count <= FEW_POINTS else _triples_of_many(count)
+
+
+@lru_cache(maxsize=FEW_POINTS + 1)
+def _triples_of_few(count: int) -> tuple[Index, Index]:
+    return _made_triples(count)
+
+
+@lru_cache(maxsize=16)
+def _triples_of_many(count: int) -> tuple[Index, Index]:
+    return _made_triples(count)
+
+
+def _made_triples(count: int) -> tuple[Index, Index]:
     if count < 3:
         return np.zeros((3, 0), dtype=np.int64), np.zeros((3, 0), dtype=np.int64)
     first, second = np.triu_indices(count, 1)
@@ -53,6 +71,23 @@ def _triples(count: int) -> tuple[Index, Index]:
     triples = np.stack((np.repeat(first, left), np.repeat(second, left), third))
     triples = triples[:, np.argsort(triples.sum(axis=0), kind="stable")]
     return triples, triples[[1, 2, 0]] * count + triples[[2, 0, 1]]
+
+
+def _tables(x: Array, y: Array, lists: Sequence[int] | None) -> tuple[Array, Index, Index]:
+    """Squared distances within each list of points, one table after the other; and triples of all lists."""
+    if lists is None or len(lists) == 1:
+        triples, opposite = _triples(int(x.size))
+        return ((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2).ravel(), triples, opposite
+    tables, triples_of, opposite_of = [], [], []
+    point = place = 0
+    for count in lists:
+        here_x, here_y = x[point : point + count], y[point : point + count]
+        tables.append(((here_x[:, None] - here_x) ** 2 + (here_y[:, None] - here_y) ** 2).ravel())
+        triples, opposite = _triples(count)
+        triples_of.append(triples + point)
+        opposite_of.append(opposite + place)
+        point, place = point + count, place + count * count
+    return np.concatenate(tables), np.concatenate(triples_of, axis=1), np.concatenate(opposite_of, axis=1)
 
 
 def make_triangles(
@@ -65,6 +100,7 @@ def make_triangles(
     min_longest: float = 0.0,
     limit: int | None = None,
     wanted: Callable[[Array, Array, Array], NDArray[np.bool_]] | None = None,
+    lists: Sequence[int] | None = None,
 ) -> Triangles:
     """All triangles that are large enough [S23 eq. 9, 10], those of the brightest points first.
 
@@ -79,10 +115,11 @@ def make_triangles(
     wanted : callable, optional
         Tells by largest angle, smallest angle and logarithm of the longest side which triangles are of use:
         most of a catalog's are not, and to order their corners costs more than to look them up.
+    lists : sequence of int, optional
+        The points are several lists, one after the other, of so many points each: no triangle has corners of
+        two lists, and all of one list come before those of the next.
     """
-    count = int(x.size)
-    triples, opposite = _triples(count)
-    length2 = ((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2).ravel()
+    length2, triples, opposite = _tables(x, y, lists)
     # sides opposite to each corner: looked up, since each pair belongs to many triangles
     fits = (length2 >= min_side**2) & (length2 <= max_side**2)
     fit = [fits.take(side) for side in opposite]
@@ -245,18 +282,21 @@ class TriangleIndex:
             flat += cell.astype(np.int32)
         return flat
 
-    def like(self, triangles: Triangles) -> tuple[Index, Index]:
+    def like(self, triangles: Triangles, list_of: Index | None = None) -> tuple[Index, Index]:
         """Find the frame's triangles like each of the catalog's.
 
         Parameters
         ----------
         triangles : Triangles
             The catalog's; lengths in arcsec.
+        list_of : ndarray of int, shape (n,), optional
+            From which list of points each triangle is.
 
         Returns
         -------
         frame, catalog : ndarray of int, shape (m,)
-            Indices of like-shaped triangles, in the frame triangles' order: the brightest first.
+            Indices of like-shaped triangles, list after list, and within a list in the frame triangles'
+            order: the brightest first.
         """
         empty = np.zeros(0, dtype=np.int64)
         if not len(self._triangles) or len(triangles) == 0:
@@ -279,7 +319,8 @@ class TriangleIndex:
         # two angles within Δγ leave the third free to differ by 2 Δγ
         third = np.abs(self._triangles.angles_rad[frame, 1] - triangles.angles_rad[catalog, 1])
         alike = np.flatnonzero(third <= self._angle_rad)
-        order = alike[np.lexsort((catalog[alike], frame[alike]))]
+        keys = (catalog[alike], frame[alike])
+        order = alike[np.lexsort(keys if list_of is None else (*keys, list_of[keys[0]]))]
         return frame[order], catalog[order]
 
     def _alike(self, place: tuple[Array, Array, Array], catalog: Index, slot: Index) -> tuple[Index, Index]:

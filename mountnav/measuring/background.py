@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from mountnav.measuring.medians import median
+
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
@@ -104,7 +106,7 @@ def _all_along(part: Image, column: int) -> bool:
     """Whether a jump keeps its height along the line, as an amplifier's does and a roof's doesn't."""
     pieces = np.array_split(part, _PIECES)
     jumps = np.array([_jump(piece[:, :column], piece[:, column:]) for piece in pieces])
-    typical = float(np.median(jumps))
+    typical = median(jumps)
     return bool(
         (jumps * np.sign(typical) > 0.4 * abs(typical)).all() and (np.abs(jumps) < 2.0 * abs(typical)).all()
     )
@@ -122,7 +124,7 @@ def _jumps(part: Image) -> tuple[Array, float]:
     middle = np.where((index >= low) & (index < high), ranked, np.float32(0.0))
     profile = middle.sum(axis=0, dtype=np.float64) / np.maximum(high - low, 1)
     lower = np.take_along_axis(ranked, (0.158655 * count).astype(int)[None, :], axis=0)[0]
-    sigma = float(np.median((profile - lower)[known]))
+    sigma = median((profile - lower)[known])
     if sigma <= 0:
         return np.zeros(part.shape[1]), 1.0
     # columns without values continue their neighbors, so that their edges are no steps
@@ -140,7 +142,7 @@ def _jumps(part: Image) -> tuple[Array, float]:
     sharp = (near * np.sign(jump) > _SHARP_SHARE * np.abs(jump)) & (
         (profile - np.roll(profile, 1)) * np.sign(jump) > 0.35 * np.abs(jump)
     )
-    scatter = 1.4826 * float(np.median(np.abs(jump[k]))) if k.size else 0.0
+    scatter = 1.4826 * median(np.abs(jump[k])) if k.size else 0.0
     limit = max(
         _LEAST_SIGMA * sigma, _ODDS_SIGMA * scatter, _ODDS_SIGMA * sigma / np.sqrt(part.shape[0] * 6.0)
     )

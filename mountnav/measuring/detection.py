@@ -10,6 +10,7 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from mountnav.measuring.background import Background, Image, estimate_background
+from mountnav.measuring.medians import median
 from mountnav.measuring.psf import FWHM_PER_SIGMA
 
 Array = NDArray[np.float64]
@@ -119,7 +120,7 @@ def smooth(sky_free: Image, background: Background, sigma_px: float, bin_px: int
     scatter = estimate_background(
         smoothed, box_px=max(16, _SCATTER_BOX_PX // bin_px), look_for_steps=False, samples=_SCATTER_SAMPLES
     )
-    measured = float(np.median(scatter.noise))
+    measured = median(scatter.noise)
     scale = np.maximum(scatter.noise, _LEAST_SCATTER * expected)
     smoothed -= scatter.level_image()
     smoothed /= Background(scatter.level, scale, *smoothed.shape).noise_image(*smoothed.shape)
@@ -293,7 +294,7 @@ def _width(cutouts: Image, noise: float) -> float:
     middle = slice(_HALF_PX - 1, _HALF_PX + 2)
     wider2 = 0.0
     middle_heights = cutouts[:, middle, middle].max(axis=(1, 2))
-    if float(np.median(middle_heights)) < _CLEAR_OF_NOISE * noise:
+    if median(middle_heights) < _CLEAR_OF_NOISE * noise:
         cutouts = ndimage.gaussian_filter(cutouts, _SMOOTHING_SIGMA_PX, axes=(1, 2), mode="nearest")
         wider2 = (FWHM_PER_SIGMA * _SMOOTHING_SIGMA_PX) ** 2
     near = cutouts[:, _HALF_PX - 2 : _HALF_PX + 3, _HALF_PX - 2 : _HALF_PX + 3].reshape(cutouts.shape[0], -1)
@@ -319,7 +320,7 @@ def _width(cutouts: Image, noise: float) -> float:
     stars = area[area >= _STAR_AREA_PX]
     if stars.size < max(3.0, 0.25 * area.size):
         stars = area[area >= 2] if (area >= 2).sum() >= max(3.0, 0.25 * area.size) else area
-    return float(np.sqrt(max(1.0, 4.0 * float(np.median(stars)) / np.pi - wider2)))
+    return float(np.sqrt(max(1.0, 4.0 * median(stars) / np.pi - wider2)))
 
 
 def first_of_twins(x_px: Array, y_px: Array, reach_px: float) -> NDArray[np.bool_]:

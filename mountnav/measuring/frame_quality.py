@@ -9,6 +9,7 @@ from scipy import ndimage
 from mountnav.measuring.background import Background
 from mountnav.measuring.detection import SURROUND_SIGMAS
 from mountnav.measuring.measurements import NO_STAR, TRAILED, SkyQuality, StarImages
+from mountnav.measuring.medians import median
 from mountnav.measuring.psf import LEAST_VARIANCE_PX2, Psf
 
 Array = NDArray[np.float64]
@@ -152,7 +153,7 @@ def sky_quality(
     stars = int(np.count_nonzero((flags & NO_STAR) == 0))
     minor, major, angle = ellipse if ellipse is not None else (None, None, None)
     kind = image_kind(stars, minor, major, hollow=hollow)
-    noise = float(np.median(background.noise))
+    noise = median(background.noise)
     known = minor is not None and major is not None and kind is not StarImages.NONE
     return SkyQuality(
         stars=stars,
@@ -160,7 +161,7 @@ def sky_quality(
         fwhm_px=float(np.sqrt(minor * major)) if known and minor and major else None,
         ellipticity=1.0 - minor / major if known and minor and major else None,
         elongation_deg=angle if known else None,
-        sky_adu=float(np.median(background.level)),
+        sky_adu=median(background.level),
         noise_adu=noise,
         sky_gradient=float(np.ptp(background.level)) / noise,
         limiting_flux_adu=limit if known else None,

@@ -8,6 +8,8 @@ from enum import IntFlag, StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from mountnav.measuring.medians import median
+
 _FEWEST_PAIRS = 3
 """Identified stars below which no zero point is stated: a median of two can't reject an outlier."""
 _FAR_MAG = 0.05
@@ -116,7 +118,7 @@ def _clipped_median(values: NDArray[np.float64]) -> float:
     """Median of what lies within three sigma of the median, sigma from the quartiles."""
     low, middle, high = np.percentile(values, [25.0, 50.0, 75.0])
     near = np.abs(values - middle) <= 3.0 * max(0.7413 * (high - low), _FAR_MAG)
-    return float(np.median(values[near]))
+    return median(values[near])
 
 
 Array = NDArray[np.float64]

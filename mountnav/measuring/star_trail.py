@@ -17,6 +17,7 @@ from scipy import ndimage
 
 from mountnav.measuring.background import Image
 from mountnav.measuring.fast.coarse import CoarseSky, coarse_plane, coarse_sky, in_wider_bins
+from mountnav.measuring.medians import median
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -258,8 +259,8 @@ def _star_image(
     mean, count = _median(cutouts)
     if count.min() < min(_FEWEST, x.size) - 1:
         return None
-    mean -= np.median(mean[rim])
-    noise = 1.4826 * float(np.median(np.abs(mean[rim]))) + 1e-12
+    mean -= median(mean[rim])
+    noise = 1.4826 * median(np.abs(mean[rim])) + 1e-12
     smooth = ndimage.gaussian_filter(mean, 1.0)
     peak = float(smooth[away < half - 6].max())
     bright = smooth > max(_NEAR_SHARE * peak, _GROWN_SIGMA * noise)
@@ -273,7 +274,7 @@ def _star_image(
     # each star's own center over the same patch: their scatter is the error
     own = np.nan_to_num(cutouts * mask)
     total = own.sum(axis=(1, 2))
-    sound = total > 0.3 * np.median(total)
+    sound = total > 0.3 * median(total)
     own_x = (own.sum(axis=1) @ offset)[sound] / total[sound]
     own_y = (own.sum(axis=2) @ offset)[sound] / total[sound]
     scatter = 0.7413 * np.sqrt(
@@ -442,8 +443,8 @@ def _far_light(
 def _scaled(total: Image, count: Image, known: Mask) -> Array:
     """The mean over the stars in units of its own scatter."""
     mean = total / np.maximum(count, 1.0)
-    root = (mean - np.median(mean[known])) * np.sqrt(count)
-    return np.asarray(root / max(1.4826 * float(np.median(np.abs(root[known]))), 1e-6), dtype=np.float64)
+    root = (mean - median(mean[known])) * np.sqrt(count)
+    return np.asarray(root / max(1.4826 * median(np.abs(root[known])), 1e-6), dtype=np.float64)
 
 
 def _rays(scaled: Array, outside: Mask, core_px: float, limits: dict[int, float]) -> Mask:
@@ -477,7 +478,7 @@ def _rays(scaled: Array, outside: Mask, core_px: float, limits: dict[int, float]
         # what changes slowly with the direction is sky, halos and crowds
         sums = mean[:, steps - 1]
         sums = sums - ndimage.median_filter(sums, size=_RAY_LEVEL, mode="wrap")
-        noise = max(1.4826 * float(np.median(np.abs(sums))), _RAY_LEAST_NOISE)
+        noise = max(1.4826 * median(np.abs(sums)), _RAY_LEAST_NOISE)
         for ray in np.flatnonzero(sums > limit * noise):
             seen[rows[ray, :steps], columns[ray, :steps]] = True
     return seen & outside
@@ -523,7 +524,7 @@ def _tails(plane: tuple[Image, Image], x: Array, y: Array, flux: Array, fwhm_px:
     height, width = tame.shape
     # two halves of the stars, each along every ray: sums of light times light, and of its square as weight
     sums, weights = (np.zeros((2, _TAIL_RAYS, radius.size)) for _ in range(2))
-    light = np.minimum(flux, _TAIL_WEIGHT * float(np.median(flux[:_TAIL_STARS])))
+    light = np.minimum(flux, _TAIL_WEIGHT * median(flux[:_TAIL_STARS]))
     for k in range(min(_TAIL_STARS, x.size)):
         rows, columns = (
             np.rint(middle + away).astype(np.intp)
@@ -559,7 +560,7 @@ def _ray_sigmas(sums: Array, weights: Array) -> Array:
     """Weighted sums along rays in units of their scatter over all directions; what changes slowly is off."""
     scaled = sums / np.sqrt(np.maximum(weights, 1e-12))
     scaled = scaled - ndimage.median_filter(scaled, size=_TAIL_LEVEL, mode="wrap")
-    return np.asarray(scaled / max(1.4826 * float(np.median(np.abs(scaled))), _RAY_LEAST_NOISE))
+    return np.asarray(scaled / max(1.4826 * median(np.abs(scaled)), _RAY_LEAST_NOISE))
 
 
 def in_sigmas(plane: Image, bin_px: int, *, whole: bool) -> tuple[Image, Image]:
@@ -567,7 +568,7 @@ def in_sigmas(plane: Image, bin_px: int, *, whole: bool) -> tuple[Image, Image]:
     cover = np.ones(plane.shape, dtype=np.float32)
     missing = ~np.isfinite(plane)
     if missing.any():
-        plane[missing] = np.median(plane[~missing]) if not missing.all() else 0.0
+        plane[missing] = median(plane[~missing]) if not missing.all() else 0.0
         cover[missing] = 0.0
     level, noise = _spread(coarse_sky(plane, bin_px, whole_numbers=whole), plane.shape)
     np.subtract(plane, level, out=level)
@@ -581,7 +582,7 @@ def _spread(sky: CoarseSky, shape: tuple[int, ...]) -> tuple[Image, Image]:
     """Level and noise of every bin: those of its tile."""
     rows = np.minimum(np.arange(shape[0]) // sky.tile_bins, sky.level.shape[0] - 1)
     columns = np.minimum(np.arange(shape[1]) // sky.tile_bins, sky.level.shape[1] - 1)
-    noise = np.maximum(sky.noise, 0.5 * float(np.median(sky.noise)) + 1e-9)
+    noise = np.maximum(sky.noise, 0.5 * median(sky.noise) + 1e-9)
     level = sky.level.astype(np.float32).take(columns, axis=1).take(rows, axis=0)
     return level, noise.astype(np.float32).take(columns, axis=1).take(rows, axis=0)
 
@@ -722,7 +723,7 @@ def brighter_image(
             continue
         own = _light_at(pixels, x[strange], y[strange])
         other = _light_at(pixels, at_x[strange], at_y[strange])
-        ratio = float(np.median(other / np.maximum(own, 1e-9)))
+        ratio = median(other / np.maximum(own, 1e-9))
         if ratio > best[0]:
             best = ratio, how
     return best
@@ -752,7 +753,7 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
     plane = coarse_plane(pixels, bin_px)
     missing = ~np.isfinite(plane)
     if missing.any():
-        plane[missing] = np.median(plane[~missing])
+        plane[missing] = median(plane[~missing])
     level, _ = _spread(coarse_sky(plane, bin_px, whole_numbers=pixels.dtype.kind in "ui"), plane.shape)
     plane = plane - level
     plane[missing] = np.nan
@@ -768,8 +769,8 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
     known = count >= max(3.0, _COVERED * x.size)
     offset = bin_px * np.arange(-half, half + 1, dtype=np.float64)
     away = np.hypot(offset[:, None], offset[None, :])
-    mean = mean - float(np.median(mean[known]))
-    noise = 1.4826 * float(np.median(np.abs(mean[known]))) + 1e-12
+    mean = mean - median(mean[known])
+    noise = 1.4826 * median(np.abs(mean[known])) + 1e-12
     # the tamed search says where there is light: this mean, which counts bright neighbors in full, only
     # how much
     share = FAR_BIN_PX // bin_px
@@ -777,7 +778,7 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
     wide = np.kron(seen, np.ones((share, share), dtype=bool))[share // 2 :, share // 2 :][:side, :side]
     room[: wide.shape[0], : wide.shape[1]] = wide
     smooth = ndimage.gaussian_filter(np.where(known, mean, 0.0), 1.0)
-    quiet = 1.4826 * float(np.median(np.abs(smooth[known]))) + 1e-12
+    quiet = 1.4826 * median(np.abs(smooth[known])) + 1e-12
     labels, _ = ndimage.label(
         (smooth > _GROWN_SIGMA * quiet) & (away < 2 * _CORE_PX), structure=np.ones((3, 3))
     )
@@ -795,14 +796,14 @@ def _whole(pixels: NDArray[np.generic], x: Array, y: Array, flux: Array, seen: M
     sigma = noise * np.sqrt(float(mask.sum())) * spread_px / max(total, 1e-12)
     halves = []
     order = np.arange(x.size)
-    for part in (order % 2 == 0, x < np.median(x), y < np.median(y)):
+    for part in (order % 2 == 0, x < median(x), y < median(y)):
         centers = []
         for some in (part, ~part):
             if some.sum() < _FEWEST - 1:
                 continue
             image, seen_by = _median(windows[some])
             ok = mask & (seen_by >= 2)
-            image = image - float(np.median(image[known & (seen_by >= 2)]))
+            image = image - median(image[known & (seen_by >= 2)])
             # what one half doesn't see is as the whole has it
             own_x, own_y = _center(np.where(ok, image, light), offset)
             # each half's positions lie otherwise in their bins: 0.3 px of 24 stars

@@ -1,5 +1,6 @@
 """Each reason for not solving, reached by a list that deserves it, with the numbers behind it."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.frames import Hint
+from mountnav.identification.full import match_radius
+from mountnav.identification.refusal import stars_wanted
 from mountnav.identification.search import identify
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Flag, SkyQuality, StarImages
@@ -104,8 +107,21 @@ def test_chance():
     strict = IdentificationSettings(false_probability_max=1e-40)
     got = refused(few, Hint(one.center, 0.1, 3.1, 3.3), settings=strict, budget_s=60)
     assert got.reason is Reason.CHANCE
+    assert got.numbers["more_stars"] >= 1
+    assert f"{got.numbers['more_stars']:.0f} more star" in got.detail
     assert 1e-40 < got.numbers["best_false_probability"] < 1e-9
     assert "1e-40" in got.detail
+
+
+def test_the_stars_that_would_do_grow_with_what_is_missing_and_none_is_told_in_a_crowd():
+    strict = IdentificationSettings()
+    near, far = (stars_wanted(odds, 8, 1000, 800, strict) for odds in (1e-8, 1e-3))
+    assert near == 1
+    assert near < far <= 6
+    # as many as these would really do: each is one more chance in so many
+    share = 8 * math.pi * match_radius(strict, 1000, 800) ** 2 / (1000 * 800)
+    assert 1e-3 * share**far <= strict.false_probability_max
+    assert stars_wanted(1e-3, 3000, 1000, 800, strict) is None
 
 
 @pytest.mark.long

@@ -5,6 +5,8 @@ import math
 import pytest
 
 from mountnav.frames import Hint
+from mountnav.identification.budget import Budget
+from mountnav.identification.full import Search
 from mountnav.identification.rounds import (
     INDEX_LEAST_DEG,
     INDEX_MOST_DEG,
@@ -12,6 +14,7 @@ from mountnav.identification.rounds import (
     in_index,
     plan,
 )
+from mountnav.identification.search import ENOUGH_WORK, LATER_LEAST, _end_of_round, _Step
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.sky.coordinates import Icrs
 
@@ -68,3 +71,18 @@ def test_the_limits_of_the_index():
     assert in_index((2.0, 2.2), SIDE)
     assert not in_index((1.0, 2.2), SIDE)
     assert not in_index((60.0, 80.0), SIDE)
+
+
+@pytest.mark.parametrize("before", [0, ENOUGH_WORK // 2, 3 * ENOUGH_WORK])
+@pytest.mark.parametrize("count", [1, 12, 40])
+def test_later_rounds_share_what_work_is_left_and_none_is_left_out(before, count):
+    search = Search(Budget.of(1.0), work=before)
+    for number in range(count):
+        end = _end_of_round(_Step(None, None, rounds_left=count - number), search)
+        assert end >= search.work + LATER_LEAST
+        search.work = int(end)
+    assert search.work <= max(before, ENOUGH_WORK) + count * LATER_LEAST
+
+
+def test_a_round_that_is_not_bounded_has_no_end():
+    assert _end_of_round(_Step(None, None), Search(Budget.of(1.0), work=10 * ENOUGH_WORK)) == math.inf

@@ -193,3 +193,22 @@ def test_rounds_over_wide_areas_find_frames_between_tiles_by_the_inner_stars(see
         tried.append(search.hypotheses)
     # and what is hopeless costs less
     assert tried[1] < 0.7 * tried[0]
+
+
+def test_a_round_ends_where_its_work_does():
+    """The nearest tiles are compared with the frame whatever is left."""
+    rng = np.random.default_rng(11)
+    points = Points(rng.uniform(0, WIDTH, 60), rng.uniform(0, HEIGHT, 60), WIDTH, HEIGHT)
+    turn = Round((12, 50), (5.0, 5.5), 0.0, 2.0)
+    tried = {}
+    for most in (0, 300_000, math.inf):
+        search = Search(Budget.of(30.0), round_ends=most)
+        list(
+            hypotheses(
+                points, turn, SKY, PLACE, epoch_yr=2000.0, settings=IdentificationSettings(), search=search
+            )
+        )
+        tried[most] = search.tiles_tried
+        assert search.hypotheses > 0
+    assert tried[0] == 1
+    assert tried[0] < tried[300_000] < tried[math.inf]

@@ -97,3 +97,40 @@ def test_a_narrow_tolerance_takes_bounded_memory_and_loses_no_pair(angle_arcmin)
     tracemalloc.stop()
     assert peak_bytes < 300e6
     assert np.array_equal(np.unique(found), np.arange(len(frame)))
+
+
+@pytest.mark.parametrize("sizes", [(9, 12, 7), (3, 0, 2, 5), (60, 51)])
+def test_several_lists_make_the_triangles_of_each(sizes):
+    """Tiles are searched together: none may have a corner in another, nor may one be lost or come twice."""
+    rng = np.random.default_rng(4)
+    x, y = rng.uniform(0, 1000, (2, sum(sizes)))
+    together = make_triangles(x, y, min_side=50, min_height=20, max_side=900, lists=sizes)
+    corners, angles, start = [], [], 0
+    for size in sizes:
+        here = slice(start, start + size)
+        one = make_triangles(x[here], y[here], min_side=50, min_height=20, max_side=900)
+        corners.append(one.corners + start)
+        angles.append(one.angles_rad)
+        start += size
+    assert np.array_equal(together.corners, np.concatenate(corners))
+    assert np.array_equal(together.angles_rad, np.concatenate(angles))
+
+
+def test_like_triangles_come_list_after_list_each_as_by_itself():
+    rng = np.random.default_rng(5)
+    x, y = rng.uniform(0, 1000, (2, 14))
+    frame = make_triangles(x, y, min_side=100, min_height=50)
+    index = TriangleIndex(frame, angle_rad=np.radians(0.5), scale_low=1.9, scale_high=2.1)
+    lists = [(2.0 * x + rng.normal(0, 1, 14), 2.0 * y + rng.normal(0, 1, 14)) for _ in range(3)]
+    alone = [
+        index.like(make_triangles(*one, min_side=200, min_height=100, wanted=index.may_hold)) for one in lists
+    ]
+    all_x, all_y = (np.concatenate(side) for side in zip(*lists, strict=True))
+    together = make_triangles(
+        all_x, all_y, min_side=200, min_height=100, wanted=index.may_hold, lists=[14, 14, 14]
+    )
+    of_list = together.corners[:, 0] // 14
+    of_frame, of_sky = index.like(together, of_list)
+    assert np.array_equal(of_frame, np.concatenate([one for one, _ in alone]))
+    assert np.array_equal(np.bincount(of_list[of_sky]), [one.size for one, _ in alone])
+    assert (np.diff(of_list[of_sky]) >= 0).all()

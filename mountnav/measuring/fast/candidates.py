@@ -11,6 +11,7 @@ from mountnav.measuring.detection import DARK_NEIGHBORS, SINGLE_PIXEL_SIGMA
 from mountnav.measuring.fast.coarse import CoarsePeaks
 from mountnav.measuring.fast.moments import Patches, Pixels
 from mountnav.measuring.fast.scene import Scene
+from mountnav.measuring.medians import median
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -156,7 +157,7 @@ def width_px(scene: Scene, x_px: Array, y_px: Array) -> float:
         rows, columns = np.rint(y).astype(np.intp) - patches.top, np.rint(x).astype(np.intp) - patches.left
         top = light[np.arange(x.size), rows, columns]
         area = (light > 0.5 * top[:, None, None]).sum(axis=(1, 2))
-        typical = float(np.median(area))
+        typical = median(area)
         if typical > _LARGE_AREA_PX2:
             typical = float(np.percentile(area, _LARGE_PERCENT))
         fwhm = float(np.sqrt(4.0 / np.pi * typical))

@@ -24,6 +24,7 @@ from mountnav.measuring.fast.psf import EllipticalPsf, SampledPsf
 from mountnav.measuring.fast.scene import Scene
 from mountnav.measuring.frame_quality import ellipse_of, limiting_flux, psf_image, sky_quality
 from mountnav.measuring.measurements import LEAST_FLUX_SIGMA, POOR_FIT, Flag, Measurements, SkyQuality
+from mountnav.measuring.medians import median
 from mountnav.measuring.psf import FWHM_PER_SIGMA, without_pixel_width
 from mountnav.measuring.settings import MeasuringSettings
 
@@ -251,7 +252,7 @@ def quality_of(
         The limiting flux is that of `measure` at the same settings.
     """
     height, width = scene.frame.pixels.shape
-    share = float(np.median(scene.sky.noise)) / scene.noise_adu
+    share = median(scene.sky.noise) / scene.noise_adu
     background = Background(scene.sky.level / scene.bin_px**2, scene.sky.noise / share, height, width)
     p, q, r = shape.seen()
     bin_px = 2 if scene.frame.pixels.size > settings.bin_above_px else 1

@@ -16,6 +16,7 @@ from mountnav.measuring.measurements import (
     TYPICAL_SNR,
     Flag,
 )
+from mountnav.measuring.medians import median
 from mountnav.measuring.psf import FWHM_PER_SIGMA
 
 Array = NDArray[np.float64]
@@ -236,7 +237,7 @@ def typical_of(shapes: Shapes, clean: Mask, snr: Array) -> Typical:
     if some.size == 0:
         return Typical(float("nan"), 0.0, 0)
     fwhm, ellipticity = shapes.fwhm_px[some], shapes.ellipticity[some]
-    return Typical(float(np.median(fwhm)), float(np.median(ellipticity)), int(some.size))
+    return Typical(median(fwhm), median(ellipticity), int(some.size))
 
 
 def flags_of(

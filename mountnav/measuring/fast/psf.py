@@ -13,6 +13,7 @@ from mountnav.measuring.fast.moments import nearest_px
 from mountnav.measuring.fast.scene import Scene
 from mountnav.measuring.least_squares import Fit
 from mountnav.measuring.measurements import Flag, Measurements
+from mountnav.measuring.medians import median
 from mountnav.measuring.psf import FWHM_PER_SIGMA, MOST_WING, NODE_WEIGHTS, NODES, PIXEL_FWHM2, Psf
 from mountnav.measuring.psf_fitting import with_noise_law
 from mountnav.measuring.psf_photometry import LONELY_FWHM
@@ -257,7 +258,7 @@ def _fitted(
         residual = np.asarray(cutouts.values - light - own[:, 3, None], dtype=np.float32)
         if turn == _JUDGED_AFTER:  # a blend says nothing of the common shape
             chi2 = (weights * residual**2).sum(axis=1)
-            use &= chi2 <= _BLEND_CHI2_RATIO * np.median(chi2[use])
+            use &= chi2 <= _BLEND_CHI2_RATIO * median(chi2[use])
             weights *= use[:, None]
         step_own, step_shared = _step(slopes, shared, weights, residual)
         own[:, 0] = np.clip(own[:, 0] + step_own[:, 0], 0.3 * own[:, 0], 3.0 * own[:, 0])

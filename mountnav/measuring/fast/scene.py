@@ -18,6 +18,7 @@ from mountnav.measuring.fast.coarse import (
     smooth_lightly,
 )
 from mountnav.measuring.fast.moments import Patches, cut_patches
+from mountnav.measuring.medians import median
 from mountnav.measuring.psf_photometry import known_gain
 from mountnav.measuring.settings import MeasuringSettings
 
@@ -83,7 +84,7 @@ class Scene:
     def noise_at(self, x_px: Array, y_px: Array) -> Array:
         """Noise per pixel at positions, shape (n,): the frame's, in proportion to the tiles' own."""
         own = self.sky.at(self.sky.noise, *self.bins(x_px, y_px))
-        return np.asarray(own * (self.noise_adu / float(np.median(self.sky.noise))))
+        return np.asarray(own * (self.noise_adu / median(self.sky.noise)))
 
     def bins(self, x_px: Array, y_px: Array) -> tuple[Array, Array]:
         """Column and row of the coarse plane for positions of the frame."""
@@ -119,7 +120,7 @@ def survey_frame(frame: Frame, settings: MeasuringSettings) -> tuple[Scene, Imag
         if missing.any():
             if missing.mean() > _MOST_MISSING:
                 return None
-            plane[missing] = np.median(plane[~missing])
+            plane[missing] = median(plane[~missing])
     share = float(bin_px)
     if bin_px == 1:
         smooth_lightly(plane)
@@ -130,7 +131,7 @@ def survey_frame(frame: Frame, settings: MeasuringSettings) -> tuple[Scene, Imag
         return None
     # tiles cut off at zero or full show no scatter of their own
     sky = replace(sky, noise=np.maximum(sky.noise, _LEAST_NOISE * share * noise))
-    ratio = float(np.clip(np.median(sky.noise) / (share * noise), 1.0, _MOST_RATIO))
-    level = float(np.median(sky.level)) / bin_px**2
+    ratio = float(np.clip(median(sky.noise) / (share * noise), 1.0, _MOST_RATIO))
+    level = median(sky.level) / bin_px**2
     gain = known_gain(frame, settings.gain_e_adu, level, noise)
     return Scene(frame, bin_px, sky, level, noise, np.inf, gain, np.nan, ratio), plane

@@ -9,14 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from api.solver.solve_record import (
-    QualityRecord,
-    SolveRecord,
-    SolveTimes,
-    solve_answer,
-    solve_record,
-    unread_answer,
-)
+from api.solver.solve_answer import solve_answer, unread_answer
+from api.solver.solve_record import QualityRecord, SolveRecord, SolveTimes, solve_record
 from api.solver.solve_settings import chosen_section, chosen_settings, solve_settings
 from mountnav.errors import BadRequest
 from mountnav.frames import Hint
