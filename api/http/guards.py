@@ -41,7 +41,7 @@ class OpenStreams:
         Streams of one caller at a time, from however many addresses: one must not take all connections.
     """
 
-    def __init__(self, app: ASGIApp, caller_of: Callable[[Scope], Caller], most: int = 64) -> None:
+    def __init__(self, app: ASGIApp, caller_of: Callable[[Scope], Caller], most: int = 128) -> None:
         self._app = app
         self._caller_of = caller_of
         self._most = most

@@ -74,7 +74,7 @@ class ServiceSettings(Section):
     max_connections: int = Field(default=512, ge=8, le=512)
     connections_per_address: int = Field(default=128, ge=4, le=512)
     address_limit_per_s: float = Field(default=2000.0, ge=0, le=1_000_000)
-    streams_per_caller: int = Field(default=64, ge=1, le=512)
+    streams_per_caller: int = Field(default=128, ge=1, le=512)
     tls: Literal["off", "self", "files"] = "off"
     certificate: Path | None = None
     certificate_key: Path | None = None
