@@ -266,7 +266,8 @@ def test_going_there_instead_and_coming_to_rest(visit: Visit, night: Served) -> 
     )
     page.locator("#stop").click()
     page.wait_for_function(
-        "() => /since \\d\\d:\\d\\d:\\d\\d UTC/.test(document.querySelector('#stop-told').textContent)"
+        "() => /(alone|rest|seen) since \\d\\d:\\d\\d:\\d\\d UTC/"
+        ".test(document.querySelector('#stop-told').textContent)"
     )
     said = page.evaluate("window.said")
     assert any("sending" in one or "stopping" in one for one in said)
