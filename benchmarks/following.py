@@ -341,9 +341,9 @@ def targets(count: int, families: tuple[str, ...]) -> int:
         # a mount's coarse steps allow no less than that
         allowed = (TOLERANCE_ARCSEC if report is None else report.tolerance_arcsec) + 1.0
         if report is not None and report.by is not FollowBy.RATES:
-            allowed += report.plan.left_arcsec
+            allowed = max(allowed, report.plan.left_arcsec + 1.0)
         if kind == "pass":
-            allowed = 60.0  # not looked at: the model's, and what a second's tenth of an order comes to
+            allowed = 60.0  # its camera sees no streaks: the model's, and what a tenth of a second comes to
         refused = (
             done.error is not None and isinstance(done.error, DeviceRefused) and "too fast" in str(done.error)
         )

@@ -564,14 +564,15 @@ class Following:
     def _beside_before(self, ahead: Icrs, side: PierSide) -> Beside:
         """What is known before a look of how far beside its belief the tube looks, there, on that side."""
         equipment = self._equipment
-        pointing, aim = equipment.pointing, None
-        if equipment.apply_model and pointing.model_id is not None:
+        pointing = equipment.pointing
 
-            def aim(place: Icrs, utc: datetime) -> Icrs:
-                try:
-                    return pointing.aim(place, utc, side)
-                except ModelRefused:
-                    return place
+        def by_model(place: Icrs, utc: datetime) -> Icrs:
+            try:
+                return pointing.aim(place, utc, side)
+            except ModelRefused:
+                return place
+
+        aim = by_model if equipment.apply_model and pointing.model_id is not None else None
 
         expected = self._slewing.expected(ahead, side)
         sigma = self._policy.search_radius_deg * 3600.0 if expected is None else expected.sigma_arcsec
@@ -1200,7 +1201,8 @@ class Following:
 
     def _out_of_play(self, utc: datetime) -> datetime | None:
         """When the declination's gear had turned one way for longer than any play; None: it hasn't."""
-        way, sign, out = 0.0, 0.0, None
+        way, sign = 0.0, 0.0
+        out: datetime | None = None
         if self._played is not None:
             (sign, out), way = self._played, MOST_PLAY_ARCSEC
         for number, one in enumerate(self._kept):
