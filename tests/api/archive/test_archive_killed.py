@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from mountnav.archive.folder import Folder, RunFolder
+from mountnav.archive.tables import read_rows
 from tests.api.archive.conftest import POISON, SOLVING
 from tests.api.command_here import run_here
 from tests.archive.test_store import tree
@@ -106,6 +107,18 @@ def _solvers(client: int) -> list[int]:
         return list(map(int, Path(f"/proc/{client}/task/{client}/children").read_text().split()))
     except OSError:
         return []
+
+
+def test_poison_is_set_aside_after_two_tries(undisturbed: Path) -> None:
+    run = _run(undisturbed)
+    rows = [row for number in sorted(run.done()) for row in read_rows(run.chunk(number) / "refusals.parquet")]
+    codes = {row["number"]: row["reason_code"] for row in rows}
+    assert codes == {2: "HUNG", 4: "BAD_FRAME", 7: "DIED", 11: "UNREAD"}
+    told = {row["number"]: row["reason"] for row in rows if row["set_aside"]}
+    assert told == {
+        2: "no answer within 10 s, in each of 2 tries",
+        7: "the process that solved it died of it, in each of 2 tries",
+    }
 
 
 def test_kills_of_clients_and_workers_at_any_instant_change_nothing(
