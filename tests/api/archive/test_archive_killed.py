@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import random
 import resource
@@ -15,12 +16,13 @@ from pathlib import Path
 import pytest
 
 from mountnav.archive.folder import Folder, RunFolder
+from mountnav.archive.tables import read_rows
 from tests.api.archive.conftest import POISON, SOLVING
 from tests.api.command_here import run_here
 from tests.archive.test_store import tree
 
 pytestmark = pytest.mark.long
-MOUNTNAV = [sys.executable, "-m", "api.main", "archive"]
+KILLS = 6
 
 
 @pytest.fixture(scope="module")
@@ -46,16 +48,57 @@ def _run(path: Path) -> RunFolder:
     return Folder.open(path).run(None)
 
 
-def _started(path: Path, *more: str, limit_bytes: int | None = None) -> subprocess.Popen[bytes]:
-    def limited() -> None:
-        if limit_bytes is not None:
-            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, limit_bytes))
+class _Client:
+    """`mountnav archive run` in a process of its own, forked from one that has imported all it needs."""
 
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(POISON), *filter(None, sys.path)])}
-    return subprocess.Popen(
-        [*MOUNTNAV, "run", str(path), *more], env=environment, stderr=subprocess.PIPE, preexec_fn=limited
-    )
+    def __init__(self, path: Path, *more: str, limit_bytes: int | None = None) -> None:
+        self._said = path.parent / "said.txt"
+        words = ["mountnav", "archive", "run", str(path), *more]
+        self._process = FORKED.Process(target=_as_client, args=(words, str(self._said), limit_bytes))
+        self._process.start()
+
+    @property
+    def pid(self) -> int:
+        assert self._process.pid is not None
+        return self._process.pid
+
+    @property
+    def running(self) -> bool:
+        return self._process.is_alive()
+
+    def kill(self) -> None:
+        self._process.kill()
+
+    def ended(self) -> tuple[int | None, str]:
+        """Exit code, and what it said on stderr."""
+        self._process.join()
+        return self._process.exitcode, self._said.read_text()
+
+
+FORKED = multiprocessing.get_context("forkserver")
+FORKED.set_forkserver_preload(
+    [
+        "api.main",
+        "api.cli.app",
+        "api.archive.solving",
+        "api.cli.archive_showing",
+        "pyarrow.parquet",
+        "asyncio",
+    ]
+)
+
+
+def _as_client(words: list[str], said: str, limit_bytes: int | None) -> None:
+    from api.main import main
+
+    with open(said, "w") as file:
+        os.dup2(file.fileno(), 2)
+    if limit_bytes is not None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, limit_bytes))
+    sys.path.insert(0, str(POISON))
+    sys.argv = words
+    main()
 
 
 def _solvers(client: int) -> list[int]:
@@ -66,34 +109,40 @@ def _solvers(client: int) -> list[int]:
         return []
 
 
-def _until_solving(run: RunFolder, client: subprocess.Popen[bytes]) -> None:
-    while client.poll() is None and not (any(run.making.glob("*-*")) and _solvers(client.pid)):
-        time.sleep(0.02)
+def test_poison_is_set_aside_after_two_tries(undisturbed: Path) -> None:
+    run = _run(undisturbed)
+    rows = [row for number in sorted(run.done()) for row in read_rows(run.chunk(number) / "refusals.parquet")]
+    codes = {row["number"]: row["reason_code"] for row in rows}
+    assert codes == {2: "HUNG", 4: "BAD_FRAME", 7: "DIED", 11: "UNREAD"}
+    told = {row["number"]: row["reason"] for row in rows if row["set_aside"]}
+    assert told == {
+        2: "no answer within 10 s, in each of 2 tries",
+        7: "the process that solved it died of it, in each of 2 tries",
+    }
 
 
 def test_kills_of_clients_and_workers_at_any_instant_change_nothing(
     poisoned: Path, undisturbed: Path, tmp_path: Path
 ) -> None:
     path, chance = _made(poisoned, tmp_path), random.Random(7)
-    run, killed = _run(path), 0
-    while killed < 6:
-        client = _started(path, "--jobs", "2")
-        _until_solving(run, client)
-        time.sleep(chance.uniform(0.0, 3.0))
-        victims = [client.pid] if killed % 2 else _solvers(client.pid) or [client.pid]
-        victim = chance.choice(victims)
-        if client.poll() is None:
-            os.kill(victim, signal.SIGKILL)
-            killed += 1
-        if victim != client.pid:  # the client goes on with another one; it is killed a little later
-            time.sleep(chance.uniform(0.5, 2.0))
-            client.kill()
-        client.communicate()
-        if len(run.done()) == 6:  # all done in between: the rest of the kills has a chunk to hit again
-            shutil.rmtree(run.chunk(chance.randrange(6)))
-    last = _started(path, "--jobs", "2")
-    said = last.communicate()[1].decode()
-    assert last.returncode == 0, said
+    run = _run(path)
+    for number in range(KILLS):
+        client, before = _Client(path, "--jobs", "2"), run.done()
+        # each third one as its processes begin, the others in the middle of the work
+        while client.running and not (_solvers(client.pid) if number % 3 == 0 else run.done() - before):
+            time.sleep(0.02)
+        time.sleep(chance.uniform(0.0, 0.5))
+        if number % 2:
+            for solver in _solvers(client.pid):
+                os.kill(solver, signal.SIGKILL)
+            time.sleep(chance.uniform(0.0, 3.0))  # the client goes on with others, until it is killed, too
+        client.kill()
+        client.ended()
+        if len(run.done()) > 3:  # so that the next one has something to do
+            for done in chance.sample(sorted(run.done()), 2):
+                shutil.rmtree(run.chunk(done))
+    code, said = _Client(path, "--jobs", "2").ended()
+    assert code == 0, said
     assert tree(run.chunks) == tree(_run(undisturbed).chunks)
     assert not any(run.making.iterdir())
     verified = run_here("archive", "verify", path)
@@ -105,22 +154,26 @@ def test_a_full_disk_stops_it_and_nothing_half_is_left(
 ) -> None:
     path = _made(poisoned, tmp_path)
     run = _run(path)
-    client = _started(path, limit_bytes=3000)  # no file may grow longer, as on a disk that is full
-    said = client.communicate()[1].decode()
-    assert client.returncode == 1
+    # no file may grow longer, as on a disk that is full
+    code, said = _Client(path, limit_bytes=3000).ended()
+    assert code == 1
     assert "the store can't be written" in said
     assert "Traceback" not in said
     assert not run.done()
-    assert [one.suffix for one in run.making.iterdir()] in ([], [".lock"], [".lock", ".lock"])
-    client = _started(path)
-    assert client.communicate()[1] is not None
-    assert client.returncode == 0
+    assert {one.suffix for one in run.making.iterdir()} <= {".lock"}
+    code, said = _Client(path).ended()
+    assert code == 0, said
     assert tree(run.chunks) == tree(_run(undisturbed).chunks)
 
 
 def test_dask_gives_the_same_bytes(poisoned: Path, undisturbed: Path, tmp_path: Path) -> None:
     path = _made(poisoned, tmp_path)
-    client = _started(path, "--engine", "dask", "--jobs", "1")
-    said = client.communicate()[1].decode()
-    assert client.returncode == 0, said
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(POISON), *filter(None, sys.path)])}
+    done = subprocess.run(
+        [sys.executable, "-m", "api.main", "archive", "run", str(path), "--engine", "dask", "--jobs", "1"],
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
     assert tree(_run(path).chunks) == tree(_run(undisturbed).chunks)
