@@ -134,7 +134,8 @@ def test_a_centering_is_seen_at_a_glance_and_nothing_jumps(
         for page in (desk, phone):
             page.wait_for_function(CENTERED)
             expect_text(page, "#headline-figures", "off")
-            page.wait_for_selector("#drift-plot .uplot", state="attached")
+        desk.wait_for_selector("#drift-plot .uplot", state="attached")
+        desk.wait_for_selector("#residual-plot .uplot", state="attached")
         done = httpx.get(f"{night.url}/v1/jobs/{job['id']}", timeout=60).json()["result"]
         told = desk.text_content("#headline-figures") or ""
         assert f"{done['error_after_arcsec']:.1f}″ off" in told
