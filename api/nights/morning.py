@@ -223,7 +223,7 @@ class MorningPosts:
         self, webhook: WebhookSettings, reports: Sequence[MorningReport], words: dict[str, str]
     ) -> str:
         """Post it, again and again while that may help; what the address answered. Raises what ended it."""
-        body: Any = body_of(webhook, reports, words)
+        body: Any = body_of(webhook.kind, reports, words, template=webhook.template, topic=webhook.topic)
         retrying = tenacity.AsyncRetrying(
             retry=tenacity.retry_if_exception(_may_pass),
             wait=tenacity.wait_random_exponential(multiplier=_FIRST_WAIT_S, max=_LONGEST_WAIT_S),

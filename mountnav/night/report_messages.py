@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from string import Template
-from typing import Any
+from typing import Any, Literal
 
 from mountnav.night.morning_report import MorningReport
 from mountnav.night.report_pages import as_markdown
-from mountnav.settings.report import WebhookSettings
 
-__all__ = ["body_of", "words_of"]
+__all__ = ["MessageKind", "body_of", "words_of"]
+
+MessageKind = Literal["json", "slack", "discord", "ntfy"]
+"""Whose form a message has."""
 
 _SLACK_LONGEST, _DISCORD_LONGEST, _NTFY_LONGEST = 12_000, 1900, 3500
 """Characters that each takes, below its own bound (40,000; 2,000; 4,096 bytes). Doubled, it is refused."""
@@ -49,26 +51,37 @@ def words_of(reports: Sequence[MorningReport], night: str, audit: str = "") -> d
     }
 
 
-def body_of(webhook: WebhookSettings, reports: Sequence[MorningReport], words: Mapping[str, str]) -> Any:
+def body_of(
+    kind: MessageKind,
+    reports: Sequence[MorningReport],
+    words: Mapping[str, str],
+    *,
+    template: str | None = None,
+    topic: str = "",
+) -> Any:
     """The JSON that an address gets.
 
     Parameters
     ----------
     words : mapping of str to str
         Of `words_of`.
+    template : str, optional
+        JSON with names of `words` in it, instead of what the kind would get.
+    topic : str
+        Of ntfy.
     """
-    if webhook.template is not None:
-        return _filled(json.loads(webhook.template), words)
-    if webhook.kind == "slack":
+    if template is not None:
+        return _filled(json.loads(template), words)
+    if kind == "slack":
         return {"text": _cut(f"*{words['title']}*\n{words['summary']}\n\n{words['text']}", _SLACK_LONGEST)}
-    if webhook.kind == "discord":
+    if kind == "discord":
         said = _cut(f"**{words['title']}**\n{words['summary']}\n\n{words['text']}", _DISCORD_LONGEST)
         # names of targets come from strangers: nobody is called by them
         return {"content": said, "allowed_mentions": {"parse": []}}
-    if webhook.kind == "ntfy":
+    if kind == "ntfy":
         told = f"{words['summary']}\n{words['advice']}".strip()
         return {
-            "topic": webhook.topic,
+            "topic": topic,
             "title": words["title"],
             "message": _cut(told, _NTFY_LONGEST, in_bytes=True),
         }

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import AfterValidator, Field, field_validator
 from pydantic_core import PydanticCustomError
 
+from mountnav.night.report_messages import MessageKind
 from mountnav.settings.section import Section
 
 __all__ = ["ReportSettings", "WebhookSettings"]
@@ -51,7 +52,7 @@ class WebhookSettings(Section):
     """
 
     url: str = Field(pattern=r"^https?://[^\s/?#@]+(/\S*)?$", max_length=1000)
-    kind: Literal["json", "slack", "discord", "ntfy"] = "json"
+    kind: MessageKind = "json"
     topic: str = Field(default="", pattern=r"^[A-Za-z0-9_-]{0,64}$")
     template: Annotated[str, Field(max_length=20_000), AfterValidator(_template)] | None = None
     headers: dict[str, str] = Field(default={}, max_length=20)
@@ -89,7 +90,7 @@ class ReportSettings(Section):
     """
 
     folder: Path | None = None
-    forms: tuple[Literal["html", "markdown", "json"], ...] = Field(default=("html", "json"), min_length=1)
+    forms: tuple[Literal[html, markdown, json], ...] = Field(default=("html", "json"), min_length=1)
     keep_days: float = Field(default=0.0, ge=0, le=100_000)
     retry_h: float = Field(default=6.0, ge=0, le=20)
     webhook: tuple[WebhookSettings, ...] = Field(default=(), max_length=10)

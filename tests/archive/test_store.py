@@ -54,7 +54,7 @@ def test_each_chunk_is_one_workers(count: int, of: int, first: int) -> None:
 def test_a_batch_that_ends_in_a_fault_adds_nothing(tmp_path: Path) -> None:
     folder, _ = archive(tmp_path / "a")
 
-    def broken():  # type: ignore[no-untyped-def]
+    def broken():
         yield Entry("/one.fits")
         raise KeyboardInterrupt
 

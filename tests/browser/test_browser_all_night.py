@@ -19,13 +19,13 @@ from tests.browser.conftest import Visit, choose, expect_text, typed, visiting
 from tests.browser.watched_service import TOML, Served, Wire, served
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page, Route
+    from playwright.sync_api import Browser, Page, Route, ViewportSize
 
 pytestmark = pytest.mark.long
 
 DESK = {"viewport": {"width": 1440, "height": 900}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
-ON_ITS_SIDE = {"width": 844, "height": 390}
+ON_ITS_SIDE: ViewportSize = {"width": 844, "height": 390}
 PARTS = ("orders", "move", "see", "log")
 GONE = """
 [[telescope]]
@@ -374,7 +374,9 @@ def test_each_panel_says_what_it_has_not(browser: Browser, night: Served, pictur
     try:
         with visiting(browser, **DESK) as visit:
             visit.forgiven = ("Failed to load resource",)
-            page, held, failing = visit.page, [], []
+            page = visit.page
+            held: list[Any] = []
+            failing: list[Any] = []
 
             def between(route: Route) -> None:
                 if not re.search(

@@ -116,6 +116,8 @@ def test_chance():
 def test_the_stars_that_would_do_grow_with_what_is_missing_and_none_is_told_in_a_crowd():
     strict = IdentificationSettings()
     near, far = (stars_wanted(odds, 8, 1000, 800, strict) for odds in (1e-8, 1e-3))
+    assert near is not None
+    assert far is not None
     assert near == 1
     assert near < far <= 6
     # as many as these would really do: each is one more chance in so many

@@ -104,7 +104,7 @@ def test_a_renewed_key_has_two_secrets_for_a_while(store: KeyStore, clock: Hand)
     _, old = store.new("scheduler", Role.OPERATE, lasts=30 * DAY, telescopes=["east"])
     clock.utc += 29 * DAY
     new_key, new = store.renew("scheduler", overlap=timedelta(hours=2))
-    assert new_key.telescopes == {"east"}
+    assert new_key.telescopes == frozenset({"east"})
     assert new_key.expires_utc is not None
     assert new_key.expires_utc - clock.utc == pytest.approx(30 * DAY, abs=timedelta(minutes=5))
     assert store.find(old) is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from typing import Any
 
 import pytest
 
@@ -67,10 +68,10 @@ async def test_a_slew_that_is_stopped_while_it_is_taken_never_begins(
     ra_h = await german.at_hour_angle(-3.0)
     begun, go = threading.Event(), threading.Event()
 
-    def later(*given: object) -> object:
+    def later(*given: Any) -> None:
         begun.set()
         assert go.wait(60)
-        return require_place(*given)  # type: ignore[arg-type]
+        require_place(*given)
 
     monkeypatch.setattr(dispatcher, "require_place", later)
     ordering = asyncio.create_task(

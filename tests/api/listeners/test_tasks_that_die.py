@@ -176,7 +176,7 @@ async def test_an_alpaca_motion_whose_end_is_lost_has_not_arrived(
     motion = Motion(service.dispatcher, "east")
     far = up_now(20.0, 30.0)
     order = SlewOrder(target=ApparentTarget(ra_deg=far.ra_deg, dec_deg=far.dec_deg))
-    await motion.begin(CALLER, client, order)
+    await motion.begin(CALLER, client, order, stops_given=service.dispatcher.stops_given("east"))
     monkeypatch.setattr(Watch, "refresh", died)
     with pytest.raises(AlpacaError, match="how it ended is not known"):
         await motion.ended()

@@ -21,7 +21,6 @@ from mountnav.journal.sql_journal import SqlJournal, open_journal
 from mountnav.night.morning_report import night_of, report_of
 from mountnav.night.report_messages import body_of, words_of
 from mountnav.settings.observatory import Settings
-from mountnav.settings.report import WebhookSettings
 from tests.api.conftest import OBSERVATORY
 
 MORNING = datetime(2026, 11, 26, 8, tzinfo=UTC)
@@ -184,17 +183,15 @@ def test_messages_fit_and_make_no_json_of_their_own(journal: SqlJournal) -> None
     words = words_of([report], "2026-11-25", "7:abc")
     evil = {**words, "summary": 'a"}, @everyone ${text} {', "text": "\u2033" * 50_000}
     template = '{"t": ["${title}", {"${night}": "${summary} $$ ${unknown}"}], "n": 1}'
-    hook = WebhookSettings(url="https://x", template=template)
-    assert body_of(hook, [report], evil) == {
+    assert body_of("json", [report], evil, template=template) == {
         "t": ["mountnav, night of 2026-11-25", {"2026-11-25": 'a"}, @everyone ${text} { $ ${unknown}'}],
         "n": 1,
     }
-    assert len(body_of(WebhookSettings(url="https://x", kind="slack"), [report], evil)["text"]) <= 40_000
-    discord = body_of(WebhookSettings(url="https://x", kind="discord"), [report], evil)
+    assert len(body_of("slack", [report], evil)["text"]) <= 40_000
+    discord = body_of("discord", [report], evil)
     assert len(discord["content"]) <= 2000
     assert discord["allowed_mentions"] == {"parse": []}
-    ntfy = WebhookSettings(url="https://x", kind="ntfy", topic="t")
-    told = body_of(ntfy, [report], {**evil, "advice": "\u2033" * 9000})
+    told = body_of("ntfy", [report], {**evil, "advice": "\u2033" * 9000}, topic="t")
     assert len(told["message"].encode()) <= 4096
     assert told["topic"] == "t"
     assert morning._ENDINGS["json"] == ".json"

@@ -8,7 +8,7 @@ import time
 if "api.solver.process" in sys.orig_argv:
     from mountnav.solving import solve
 
-    _read = solve.read_source
+    _read = getattr(solve, "read_source")  # noqa: B009
 
     def _poisoned(source, *, name=None, **more):
         if str(name).startswith("hang"):
@@ -17,4 +17,4 @@ if "api.solver.process" in sys.orig_argv:
             os.kill(os.getpid(), signal.SIGSEGV)
         return _read(source, name=name, **more)
 
-    solve.read_source = _poisoned
+    setattr(solve, "read_source", _poisoned)  # noqa: B010
