@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from string import Template
-from typing import Any, Literal
+from typing import Any
 
+from mountnav.night.message_kind import MessageKind
 from mountnav.night.morning_report import MorningReport
 from mountnav.night.report_pages import as_markdown
 
-__all__ = ["MessageKind", "body_of", "words_of"]
-
-MessageKind = Literal["json", "slack", "discord", "ntfy"]
-"""Whose form a message has."""
+__all__ = ["body_of", "words_of"]
 
 _SLACK_LONGEST, _DISCORD_LONGEST, _NTFY_LONGEST = 12_000, 1900, 3500
 """Characters that each takes, below its own bound (40,000; 2,000; 4,096 bytes). Doubled, it is refused."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, field_validator
 from pydantic_core import PydanticCustomError
 
-from mountnav.night.report_messages import MessageKind
+from mountnav.night.message_kind import MessageKind
 from mountnav.settings.section import Section
 
 __all__ = ["ReportSettings", "WebhookSettings"]
@@ -90,7 +90,7 @@ class ReportSettings(Section):
     """
 
     folder: Path | None = None
-    forms: tuple[Literal[html, markdown, json], ...] = Field(default=("html", "json"), min_length=1)
+    forms: tuple[Literal["html", "markdown", "json"], ...] = Field(default=("html", "json"), min_length=1)
     keep_days: float = Field(default=0.0, ge=0, le=100_000)
     retry_h: float = Field(default=6.0, ge=0, le=20)
     webhook: tuple[WebhookSettings, ...] = Field(default=(), max_length=10)
