@@ -11,6 +11,14 @@ from typing import Any
 __all__ = ["describe"]
 
 _FIELDS = {
+    "TonightView.times": "When the night that now belongs to begins and ends",
+    "TonightView.from_utc": "Beginning of the strip, UTC",
+    "TonightView.acts": "What was done and what went wrong, in the order of time",
+    "SkyAtView.moon_altitude_deg": "Altitude of the Moon, without refraction, degrees",
+    "NightTimesView.sun_rises_utc": "Sunrise at the end of the night, UTC; null where the Sun doesn't rise then",
+    "HeadlineView.times": "When the night that now belongs to begins and ends",
+    "HeadlineView.fwhm_utc": "Mid-exposure of the look that showed this full width at half maximum, UTC",
+    "ActView.trouble": "Whether it went wrong: a fault, a refusal, or a command that did not end well",
     "accepted": "Whether the model is good enough to be used",
     "act": "What is done: a sync, an offset, a model's correction, or nothing",
     "activity": "What the telescope does now: idle, slewing, tracking, parked, ...",

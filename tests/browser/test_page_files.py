@@ -87,7 +87,7 @@ async def test_the_page_needs_no_inline_code_and_no_network_but_its_own(client: 
         if path.parent.name == "vendor" or path.suffix == ".svg":
             continue
         assert not re.findall(r"https?://|//[a-z0-9-]+\.[a-z]{2,}/", path.read_text()), path.name
-    named = set(re.findall(r'(?:href|src)="(/[^"]+)"', html)) - {"/docs"}
+    named = set(re.findall(r'(?:href|src)="(/[^"]+)"', html)) - {"/docs", "/help"}
     for path in SERVED:
         if path.suffix == ".js" and path.parent.name == "js":
             named |= {f"/web/js/{one}" for one in re.findall(r'from "\./([^"]+)"', path.read_text())}
