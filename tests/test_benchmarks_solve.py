@@ -191,6 +191,7 @@ def test_the_claimed_center_is_that_of_the_frame_with_its_distortion():
     assert found.scale_arcsec_px == pytest.approx(3.6 * np.sqrt(1.01602 * 0.99459), rel=2e-3)
 
 
+@pytest.mark.long
 def test_the_star_database_for_astap_holds_every_star_in_its_area(tmp_path):
     center = Icrs(10.0, 65.0)
     count = write_database(Region(center), tmp_path, epoch_yr=2026.0)

@@ -61,5 +61,6 @@ def test_commands_say_which_extra_they_need_before_they_work(
     assert "Traceback" not in said
 
 
+@pytest.mark.long
 def test_the_rest_works_without_them() -> None:
     assert _without("catalog", "list").returncode == 0

@@ -103,6 +103,7 @@ def test_what_it_is_stands_in_the_error(odd: Path, request: pytest.FixtureReques
         assert "not a file" in str(told.value)
 
 
+@pytest.mark.long
 def test_a_command_refuses_it(odd: Path) -> None:
     answer = CliRunner().invoke(app, ["solve", str(odd), "--json"])
     assert answer.exit_code != 0 or '"solved": false' in answer.output or "no frames" in answer.output

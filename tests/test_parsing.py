@@ -94,6 +94,7 @@ def test_whatever_else_is_as_the_library_says(text: str) -> None:
             assert repr(ours(text)) == expected
 
 
+@pytest.mark.long
 def test_long_strings_and_many_keys_are_no_fault() -> None:
     text = (
         "a.b.c.d = 1\n"
@@ -166,6 +167,7 @@ def test_every_toml_file_gives_our_own_error(read: object, text: str, tmp_path: 
     assert len(str(told.value)) < 500
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("read", JSON_READERS, ids=lambda one: getattr(one, "__qualname__", str(one)))
 @pytest.mark.parametrize("name", ["brackets", "closed", "objects", "digits", "beyond floats"])
 def test_every_json_file_gives_our_own_error(read: object, name: str, tmp_path: Path) -> None:

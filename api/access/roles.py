@@ -43,6 +43,7 @@ _VIEW = (
     f"GET {_TELESCOPE}/offsets",
     f"GET {_TELESCOPE}/pointing-doctor",
     f"GET {_TELESCOPE}/sky",
+    f"GET {_TELESCOPE}/tonight",
     f"GET {_TELESCOPE}/wire",
     # orders nothing: its body is what it asks about
     f"POST {_TELESCOPE}/forecast",

@@ -162,6 +162,8 @@ class TelescopeState(TypedDict):
     tracking: bool | None
     parked: bool | None
     pier_side: str | None
+    still_since_utc: str | None
+    time_to_meridian_s: float | None
     time_to_limit_s: float | None
     next_limit: NextLimit | None
     rates: RatesInForce | None

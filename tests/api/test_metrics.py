@@ -87,6 +87,7 @@ async def test_a_sync_and_its_look_are_counted_once(client: httpx.AsyncClient) -
     assert value(samples, "mountnav_events_missed_total") == 0
 
 
+@pytest.mark.long
 async def test_two_services_in_one_process_count_for_themselves_and_tell_what_is_known(
     serving: Serve, observatory_toml: str
 ) -> None:

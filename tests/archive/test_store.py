@@ -164,6 +164,7 @@ def _edit(path: Path) -> None:
     path.write_text(json.dumps(told))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("damage", "seen"),
     [

@@ -147,6 +147,7 @@ def test_typed_coordinates_are_read_rightly_or_refused_with_the_reason() -> None
     assert all(found[text]["kind"] == "empty" for text in empty)
 
 
+@pytest.mark.long
 def test_the_page_and_the_service_read_alike() -> None:
     """Texts strewn from the characters that count: the same answer, word for word."""
     chance = random.Random(20261123)

@@ -105,6 +105,7 @@ def test_sigma_of_today_is_larger_than_at_the_mean_epoch() -> None:
     assert 0.3 < np.median(now.sigma_arcsec[unknown]) < 0.6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", [(0.0, 0.0), (359.99, -45.0), (12.0, 89.9), (200.0, -89.9), (83.8, -5.4)])
 def test_small_cones_equal_the_whole_sky_cut_down(place: tuple[float, float]) -> None:
     whole = embedded_catalog().cone(Icrs(0, 0), 180.0, epoch_yr=2026.9, mag_limit=9.0)

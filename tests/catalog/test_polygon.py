@@ -68,6 +68,7 @@ places = st.one_of(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(
     place=places,

@@ -384,6 +384,7 @@ def test_half_a_place_or_two_are_refused_before_anything_is_sent(
 # -- leases --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_lease_is_kept_by_its_heartbeats_and_carried_by_its_orders(client: Client, service: Served) -> None:
     with Client(service.url, timeout_s=60.0) as other:
         with client.lease("east", ttl_s=5.0, note="a test") as lease:

@@ -120,6 +120,7 @@ async def test_a_sync_that_takes_another_place_is_never_called_ignored(
         assert rig.mount.trusted
 
 
+@pytest.mark.long
 @families
 async def test_a_sync_that_is_ignored_is_no_fault(family: str, tmp_path: Path) -> None:
     async with mount_of(family, tmp_path / "home") as rig:

@@ -160,6 +160,7 @@ def swept(
     return found, wrong
 
 
+@pytest.mark.long
 def test_no_place_it_wakes_up_at_is_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
     found, wrong = swept(monkeypatch, "lx200", "onstep", "slew", "", mutes_s=(2.0, 4.0, 4.5), ats_s=(2.0,))
     assert found == []
@@ -213,6 +214,7 @@ def synced(
     return found
 
 
+@pytest.mark.long
 def test_a_sync_during_which_it_was_switched_off_and_on_proves_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -132,6 +132,7 @@ def test_each_question_but_the_needed_ones_may_stay_unanswered(kind: Family, run
     assert not wrong
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", FAMILIES, ids=str)
 def test_the_needed_ones_are_missed_with_fitting_advice(kind: Family, run: Run) -> None:
     well = run(lambda clock: Rig(kind, clock).connected())

@@ -45,6 +45,7 @@ eccentricities = st.one_of(
 )
 
 
+@pytest.mark.long
 @given(
     st.floats(0.01, 40.0),
     eccentricities,
@@ -141,6 +142,7 @@ def test_an_orbit_of_a_year_is_that_of_another_integration(
     assert np.linalg.norm(found - _all_at_once(elements, 365.25)) * 206_265.0 < 0.01
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("older", "newer"), [(CERES_2023, CERES_2024), (CERES_2024, CERES_2025)])
 def test_elements_of_the_mpc_a_year_apart_lead_to_one_place(older: str, newer: str) -> None:
     for day in (datetime(2024, 3, 31, tzinfo=UTC), datetime(2025, 5, 5, tzinfo=UTC)):
@@ -222,6 +224,7 @@ def test_elements_without_planets_or_too_far_away_are_refused() -> None:
         body.icrs(datetime(2042, 1, 1, tzinfo=UTC), SITE)
 
 
+@pytest.mark.long
 def test_a_comets_own_forces_move_it() -> None:
     values = {"e": 0.64, "q": 1.24, "i": 7.04, "om": 50.1, "w": 12.7, "tp": 2460500.0}
     plain = OrbitElements("p", 2460400.5, 1.24, 0.64, 7.04, 50.1, 12.7, 2460500.0, comet=True)

@@ -183,6 +183,7 @@ def horizons(
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("csv", [False, True])
 @pytest.mark.parametrize("degrees", [False, True])
 @pytest.mark.parametrize("apparent", [False, True])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from benchmarks.holding import NO_WORSE, lived, lived_open, night
 from mountnav.guiding.actuator import Actuator
@@ -10,6 +11,7 @@ from mountnav.guiding.axis import HeldAxis
 from mountnav.guiding.law import AxisCorrection
 
 
+@pytest.mark.long
 def test_a_fine_mount_in_wind_is_not_held_worse_than_it_stands() -> None:
     # by corrections that looks don't bear out it was held 9 % worse
     one = night(587)

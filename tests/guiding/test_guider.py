@@ -129,6 +129,7 @@ def test_a_guide_rate_that_is_otherwise_is_learned(gain: float) -> None:
     assert held.rms(0, 40) < 0.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gain", [0.25, 2.0])
 def test_an_unknown_guide_rate_is_learned_from_far(gain: float) -> None:
     held = Held(lambda t: (0.05 * t, 0.0), gain=gain, primary=Actuator(rate_known=False))

@@ -75,6 +75,7 @@ def all_anchors(stars, sources, most, scales):
                         yield from ((a, b, i, j, mirrored) for mirrored in (False, True))
 
 
+@pytest.mark.long
 def test_the_anchors_of_an_area_are_counted_one_by_one():
     rng = np.random.default_rng(1)
     stars, sources, anchors = made_up(rng, 25), strewn(rng, 20), Anchors()

@@ -117,6 +117,7 @@ def test_a_frame_of_two_places_is_no_solution_at_the_fainter_one(seed: int) -> N
     assert verdict.solution is None or one.error_px(verdict) <= RIGHT_PX, one.error_px(verdict)
 
 
+@pytest.mark.long
 def test_the_fainter_of_two_images_is_no_solution_where_few_stars_have_theirs_in_the_frame() -> None:
     # 206 px off with odds of 1e-37: 360 px apart in a frame of 768, one of them drawn out, so that the mean
     # over sixteen stars doesn't show it

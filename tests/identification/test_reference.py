@@ -44,6 +44,7 @@ def reordered(measurements, order):
     return replace(measurements, **{name: getattr(measurements, name)[order] for name in names})
 
 
+@pytest.mark.long
 @given(
     rotation_deg=st.floats(0, 360),
     mirrored=st.booleans(),
@@ -156,6 +157,7 @@ def test_order_is_irrelevant(seed):
     assert np.allclose(one.plate.eta, two.plate.eta, atol=1e-5)
 
 
+@pytest.mark.long
 @given(seed=st.integers(0, 10_000), flip_x=st.booleans(), flip_y=st.booleans(), radial_px=st.floats(-3, 3))
 @settings(max_examples=15, deadline=None)
 def test_flipping_the_frame_flips_the_plate_and_nothing_else(seed, flip_x, flip_y, radial_px):
@@ -197,6 +199,7 @@ def test_a_turned_camera_gives_a_turned_plate(seed, turn_deg):
     assert two.plate.scale_arcsec_px() == pytest.approx(one.plate.scale_arcsec_px(), rel=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dec", [-89.9, 89.9, 89.995, 0.0])
 @pytest.mark.parametrize("ra", [0.0, 359.9999])
 @pytest.mark.parametrize("mirrored", [False, True])

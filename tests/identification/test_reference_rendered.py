@@ -21,6 +21,7 @@ def scores(shared, names, settings=None):
     return found
 
 
+@pytest.mark.long
 def test_sixteen_stars_hold_the_whole_field(shared):
     for one in scores(shared, ("E00", "E02")):
         assert one.center_px < 0.02

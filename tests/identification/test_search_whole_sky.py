@@ -109,6 +109,7 @@ def test_turning_and_mirroring_the_list_turns_and_mirrors_the_solution(seed, qua
     assert abs((angle - a.rotation_deg() + 180) % 360 - 180) < 0.05
 
 
+@pytest.mark.long
 @given(st.integers(0, 10**6), st.floats(0.4, 3.0))
 @settings(max_examples=6, deadline=None)
 def test_scaling_the_list_scales_the_solution(seed, factor):

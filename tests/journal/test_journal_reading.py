@@ -69,6 +69,7 @@ def test_pages_are_the_whole_story_once(told: JournalReader, page: int, newest_f
         assert list(told.story(wanted, page=page)) == whole
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("wanted", "passes"),
     [

@@ -37,6 +37,7 @@ def spread_stars(count: int, seed: int, faint: float, fwhm_px: float) -> tuple[n
     return x[keep], y[keep], electrons[keep]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sideways", [False, True])
 def test_bleeding_stars_keep_their_places_and_their_tails_make_no_stars(sideways: bool) -> None:
     x, y, electrons = spread_stars(250, 3, 500.0, 3.0)
@@ -98,6 +99,7 @@ def test_blobs_are_the_patches_that_were_filled() -> None:
     assert find_saturated_patches(np.zeros((20, 20), dtype=bool), 3.0) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fwhm_px", [2.2, 3.0, 4.5])
 def test_cosmic_rays_are_told_from_stars(fwhm_px: float) -> None:
     x, y, electrons = spread_stars(400, 7, 800.0, fwhm_px)

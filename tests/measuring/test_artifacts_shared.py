@@ -79,6 +79,7 @@ def moves(stars: np.ndarray, plain: Measurements, found: Measurements, width: in
     return np.asarray(np.hypot(found.x_px[b] - plain.x_px[a], found.y_px[b] - plain.y_px[a])[both])
 
 
+@pytest.mark.long
 def test_bleeding_stars_of_the_rendered_frames_are_where_they_are(shared: Path) -> None:
     folder = shared / "data" / "rendered"
     for truth in json.loads((folder / "truth.json").read_text()):

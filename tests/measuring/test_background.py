@@ -53,6 +53,7 @@ def test_the_names_are_those_of_the_skies() -> None:
     assert tuple(skies()) == NAMES
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", one_in(2, NAMES))
 def test_an_uneven_sky_neither_hides_nor_makes_stars(name: str) -> None:
     sky, through = skies()[name]
@@ -118,6 +119,7 @@ def test_slopes_stars_and_bad_columns_are_no_steps() -> None:
         assert find_steps(image) is None, name
 
 
+@pytest.mark.long
 def test_overscan_strips_make_no_sources() -> None:
     image = exposed(np.full(SIZE, 100.0), stars())
     rng = np.random.default_rng(8)

@@ -15,6 +15,7 @@ from tests.measuring.painted import as_frame, painted, scattered
 from tests.short_part import one_in
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("fwhm_px", "beta"), [(2.5, 0.0), (3.5, 3.0)])
 @pytest.mark.parametrize(
     ("apart_fwhm", "ratio"), one_in(2, [(0.9, 1.0), (1.0, 0.3), (1.3, 0.3), (1.5, 1.0), (2.0, 0.3)])

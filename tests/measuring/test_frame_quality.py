@@ -18,6 +18,7 @@ def of(frame: Frame) -> SkyQuality:
     return quality
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fwhm_px", "beta", "kind"),
     [

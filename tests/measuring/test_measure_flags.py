@@ -71,6 +71,7 @@ def rates(scene: Scene, flags: np.ndarray, flag: Flag, causes: list[str]) -> tup
     return float(caught / guilty.sum()), float(caught / max(1, accused.sum()))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("flag", "causes"),
     [
@@ -122,6 +123,7 @@ def test_stars_on_the_edge_are_told() -> None:
     assert not edge[48:].any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [300, 1500])
 def test_hot_pixels_never_pass_for_the_typical_star(count: int) -> None:
     rng = np.random.default_rng(count)

@@ -30,6 +30,7 @@ def cramer_rao_px(electrons: float, sigma_px: float, variance: float) -> float:
     return float(1.0 / np.sqrt(((model * u / sigma_px**2) ** 2 / (variance + model)).sum()))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fwhm_px", one_in(2, [1.5, 2.5, 4.0, 8.0]))
 @pytest.mark.parametrize("electrons", [3_000.0, 30_000.0])
 def test_centroids_come_near_the_cramer_rao_bound(fwhm_px: float, electrons: float) -> None:
@@ -85,6 +86,7 @@ def test_the_flags_say_what_is_no_clean_star() -> None:
     assert (distance < 0.3).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("electrons", [1e6, 5e6, 2e7])
 def test_the_wings_place_a_saturated_star(electrons: float) -> None:
     pulls, errors = [], []
@@ -129,6 +131,7 @@ def test_defocused_stars_are_found() -> None:
     assert np.median(found.fwhm_px) == pytest.approx(12.0, rel=0.1)
 
 
+@pytest.mark.long
 @given(dx=st.integers(-12, 12), dy=st.integers(-12, 12))
 @settings(max_examples=8, deadline=None)
 def test_a_shifted_frame_shifts_its_centroids(dx: int, dy: int) -> None:

@@ -34,6 +34,7 @@ def spread(values: np.ndarray) -> float:
     return float(1.4826 * np.median(np.abs(values)))
 
 
+@pytest.mark.long
 @pytest.mark.shared
 @pytest.mark.parametrize("band", [(4.0, 10.0), (10.0, 25.0)])
 def test_stated_errors_match_the_scatter_between_real_frames(shared: Path, band: tuple[float, float]) -> None:
@@ -67,6 +68,7 @@ def test_the_unit_of_a_frame_without_sky_changes_nothing() -> None:
     assert np.allclose(whole.flux / whole.flux_sigma, milli.flux / milli.flux_sigma, rtol=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.shared
 def test_no_error_is_stated_as_zero(shared: Path) -> None:
     # charge that ran over hides nearly all pixels of some sources in this frame

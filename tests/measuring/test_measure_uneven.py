@@ -40,6 +40,7 @@ def test_the_names_are_those_of_the_skies() -> None:
     assert tuple(skies()) == NAMES
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", one_in(2, NAMES))
 def test_stars_are_neither_made_nor_lost(name: str) -> None:
     sky = skies()[name]

@@ -50,6 +50,7 @@ def test_undersampled_stars_keep_their_place_wherever_they_fall_on_the_pixels(
         assert errors[False] > 3.0 * errors[True]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("fwhm_px", "beta"), [(1.6, 3.0), (3.0, 0.0), (3.0, 3.0), (4.0, 4.5)])
 def test_width_and_flux_hold_for_any_wings(fwhm_px: float, beta: float) -> None:
     size = (500, 500)
@@ -62,6 +63,7 @@ def test_width_and_flux_hold_for_any_wings(fwhm_px: float, beta: float) -> None:
     assert np.median(found.fwhm_px[index]) == pytest.approx(fwhm_px, rel=0.03)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gain", [0.4, 1.5, 6.0])
 def test_sigmas_are_honest_though_no_card_tells_the_gain(gain: float) -> None:
     size = (700, 700)

@@ -65,6 +65,7 @@ ACROSS = (-20.0, 120.0, 1020.0, 700.0)
 INSIDE = (200.0, 750.0, 800.0, 300.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stars", list(STARS))
 @pytest.mark.parametrize(
     ("ends", "height", "extra"),
@@ -96,6 +97,7 @@ def test_a_trail_is_found(
 ANY_WAY = {"angle": st.floats(0.0, 180.0), "x": st.floats(350.0, 650.0), "y": st.floats(350.0, 550.0)}
 
 
+@pytest.mark.long
 @given(**ANY_WAY)
 @settings(max_examples=6, deadline=None)
 def test_any_direction_will_do(angle: float, x: float, y: float) -> None:
@@ -119,6 +121,7 @@ def found_whichever_way(angle: float, x: float, y: float) -> None:
     assert len(trails) == 1
 
 
+@pytest.mark.long
 def test_several_at_once_and_the_same_in_bins_of_two() -> None:
     image = sparse().copy()
     all_ends = [ACROSS, INSIDE, (850.0, -10.0, 640.0, 910.0), (-10.0, 800.0, 1010.0, 640.0)]
@@ -131,6 +134,7 @@ def test_several_at_once_and_the_same_in_bins_of_two() -> None:
             assert share_covered(trails, ends) > 0.9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", one_in(2, range(4)))
 def test_stars_alone_make_no_trail(seed: int) -> None:
     for count, faint in ((450, 150.0), (9_000, 60.0)):
@@ -171,6 +175,7 @@ def test_spikes_belong_to_their_star() -> None:
     assert (false & (found.flags == 0) & (found.flux > 4.0 * found.flux_sigma)).sum() <= 3
 
 
+@pytest.mark.long
 def test_a_trail_spoils_what_it_crosses_and_nothing_else() -> None:
     plain = measure(as_frame(sparse() - 500.0))
     image = sparse().copy()

@@ -49,6 +49,7 @@ def test_one_that_does_change_with_one_axis_first_is_still_seen() -> None:
     assert unlike.ratio < 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "targets"), [(831027, 2), (831040, 1)])
 def test_targets_that_physics_allows_are_centered(seed: int, targets: int) -> None:
     # the first is a mute German mount that was stopped after 7 of 39 degrees along one axis, and for which

@@ -110,6 +110,7 @@ def test_what_is_declared_a_driver_gets_no_orders() -> None:
     assert declared > 0, "the search finds no driver at all: it is blind"
 
 
+@pytest.mark.long
 def test_the_service_itself_runs_nothing_of_its_guard() -> None:
     module = AFTER_DEATH.removesuffix(".py").replace("/", ".")
     for name, tree in sources():
@@ -135,6 +136,7 @@ def test_the_search_sees_an_order_to_a_driver() -> None:
     assert seen == [["self._there.slew(place)"], ["mount.sync(1)"]]
 
 
+@pytest.mark.long
 def test_nobody_takes_a_checked_mount_apart_and_only_the_navigator_makes_one() -> None:
     makers = set()
     for name, tree in sources():

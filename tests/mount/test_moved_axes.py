@@ -218,6 +218,7 @@ async def _distrust(rig: FollowingRig) -> None:
     await rig.clock.sleep(4.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", [_stop, _slew, _park, _home, _rest, _track, _close, _distrust])
 @pytest.mark.parametrize("native", [False, True])
 def test_each_order_and_mishap_ends_it(order: Setting, native: bool) -> None:
@@ -327,6 +328,7 @@ def test_what_moves_faster_than_it_was_told_is_ended_before_the_limit_by_its_rea
     run_following(work, limits=Limits(20.0), machine=BRISK)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ha_deg", [-15.0, 15.0])
 @pytest.mark.parametrize("rate", [1.0, -1.0])
 def test_a_german_mount_ends_before_its_counterweight_rises_too_far(ha_deg: float, rate: float) -> None:
@@ -356,6 +358,7 @@ def test_a_german_mount_ends_before_its_counterweight_rises_too_far(ha_deg: floa
     )
 
 
+@pytest.mark.long
 @settings(max_examples=12, deadline=None)
 @given(
     ha_deg=st.floats(-70.0, 70.0),

@@ -321,6 +321,7 @@ async def _link(rig: FollowingRig) -> None:
     await rig.clock.sleep(40.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "order",
     [_stop, _end, _none, _slew, _park, _home, _rest, _track, _lunar, _close, _distrust, _link],

@@ -93,6 +93,7 @@ def lived(
     return judges[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("behavior", [MUTE, TELLS], ids=["mute", "tells"])
 @pytest.mark.parametrize(
     ("ways", "limits"),
@@ -128,6 +129,7 @@ def test_a_mute_one_shows_its_side_when_it_leaves_its_home(
     assert lived(ways, limits, MUTE, STAYS).deepest_deg <= 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [109, 142, 860015])
 def test_a_mute_one_is_not_taken_to_hang_where_nothing_has_shown_it(seed: int) -> None:
     # given up before: thrice planned from the side on which it didn't hang, or taken for one of other rates
@@ -144,6 +146,7 @@ def test_a_side_that_was_only_supposed_is_given_up_when_the_way_contradicts_it()
     assert lived(ways, FREE, MUTE, machine).deepest_deg <= 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("behavior", [MUTE, TELLS], ids=["mute", "tells"])
 def test_near_the_meridian_a_short_slew_does_not_lose_sight_of_its_side(behavior: MountBehavior) -> None:
     # 27° beyond the limit before: after a short one its side was taken to be the usual one
@@ -180,6 +183,7 @@ def test_a_mount_that_changes_is_held_up_by_nothing() -> None:
     assert stops == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", ["home", "park"])
 def test_from_home_it_may_take_either_side_and_the_refusal_says_so(order: str) -> None:
     async def work(rig: Rig) -> None:

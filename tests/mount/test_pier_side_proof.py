@@ -149,6 +149,7 @@ def test_one_that_foretells_its_side_is_asked(swapped: bool) -> None:
     run(work, limits=LIMITS, machine=GERMAN, behavior=behavior, mounting="german")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("swapped", [True, False])
 def test_tracking_stops_by_the_limit_of_either_side(swapped: bool) -> None:
     async def work(rig: Rig) -> None:

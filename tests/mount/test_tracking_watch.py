@@ -88,6 +88,7 @@ def test_a_wall_that_comes_up_is_seen_in_time() -> None:
     assert faults(run(work, limits=Limits(5.0, horizon=wall, margin_deg=0.06)))[0]["limit"] == "horizon"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tells_side", [True, False])
 def test_a_german_mount_stops_so_far_past_the_meridian_as_it_may(tells_side: bool) -> None:
     async def work(rig: Rig) -> None:
@@ -108,6 +109,7 @@ def test_a_german_mount_stops_so_far_past_the_meridian_as_it_may(tells_side: boo
     assert faults(rig)[0]["limit"] == "meridian"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("ha_deg", "parks"), [(-130.0, True), (-158.0, False)])
 def test_the_sun_that_rises_near_a_tracked_place_ends_tracking(ha_deg: float, parks: bool) -> None:
     dawn = datetime(2026, 6, 21, 1, 0, tzinfo=UTC)
@@ -124,6 +126,7 @@ def test_the_sun_that_rises_near_a_tracked_place_ends_tracking(ha_deg: float, pa
     assert faults(rig)[0]["limit"] == "sun"
 
 
+@pytest.mark.long
 def test_a_park_out_of_the_suns_way_that_stalls_is_told_and_not_forced() -> None:
     async def work(rig: Rig) -> None:
         await rig.mount.slew(rig.place(-130.0, 46.0))
@@ -239,6 +242,7 @@ def test_a_mount_that_has_no_word_for_rest_is_parked(monkeypatch: pytest.MonkeyP
     assert [one.order for one in rig.journal.commands] == ["slew", "stop", "park"]
 
 
+@pytest.mark.long
 def test_a_mount_that_can_not_be_stopped_is_told_of_once_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SimulatedMount, "skills", frozenset[Skill]())
 
@@ -376,6 +380,7 @@ def test_a_hand_is_stopped_each_time_and_may_not_go_on_deeper() -> None:
     run(work, limits=Limits(15.0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("utc", "cone_deg"),
     [
@@ -475,6 +480,7 @@ def test_a_way_that_is_planned_anew_is_not_ended_by_the_stop_of_the_first_one() 
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dec_deg", [89.5, 89.9, 89.97])
 def test_by_the_pole_the_meridian_limit_counts_by_the_axes(dec_deg: float) -> None:
     # refraction turns the hour angle of a place there by degrees, and no axis

@@ -144,6 +144,7 @@ async def refused(rig: SyncRig) -> Refusal:
     return error.value.reason
 
 
+@pytest.mark.long
 def test_distrust_survives_until_a_sync_was_seen(tmp_path: Path) -> None:
     file = tmp_path / "journal.sqlite"
 
@@ -196,6 +197,7 @@ def test_an_operators_word_is_kept_too(tmp_path: Path) -> None:
     next_run(file, after)
 
 
+@pytest.mark.long
 def test_a_mount_that_wakes_elsewhere_is_not_trusted(tmp_path: Path) -> None:
     file = tmp_path / "journal.sqlite"
 

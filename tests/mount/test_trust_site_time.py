@@ -98,6 +98,7 @@ async def met(
             await mount.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("protocol", "dialect"), FAMILIES)
 async def test_no_family_is_slewed_by_another_site_until_it_is_set_right(
     protocol: str, dialect: str | None
@@ -150,6 +151,7 @@ async def test_at_its_park_position_the_axes_tell_where_it_stands() -> None:
         assert mount.trusted
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("protocol", "dialect"), FAMILIES)
 @pytest.mark.parametrize("wrong", ["site", "clock"])
 async def test_what_connecting_sets_counts_as_what_an_order_sets(

@@ -169,6 +169,7 @@ def test_a_point_that_can_t_be_brought_to_the_pole_is_told_as_that() -> None:
     in_virtual_time(work, machine=Machine(mounting="fork"), turned_deg=0.0)
 
 
+@pytest.mark.long
 def test_at_the_meridian_a_mount_that_always_changes_sides_is_not_sent_to_and_fro() -> None:
     async def work(rig: VirtualRig) -> None:
         # in the posture that looks west the middle would have to look east of it, and the other way round

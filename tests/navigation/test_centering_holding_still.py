@@ -36,6 +36,7 @@ def test_play_is_taken_up_before_a_target_counts_as_centered(exposure_s: float) 
     in_virtual_time(work, errors=errors, policy=replace(POLICY, exposure_s=exposure_s))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("swing_s", [9.0, 13.0, 23.0])
 def test_a_tube_that_swings_in_the_wind_is_told_and_centered_when_it_is_calm(swing_s: float) -> None:
     async def work(rig: VirtualRig) -> None:

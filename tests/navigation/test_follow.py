@@ -206,6 +206,7 @@ def test_a_correction_that_looks_contradict_is_withdrawn() -> None:
     assert max(again.truly) <= TOLERANCE + 1.0
 
 
+@pytest.mark.long
 def test_an_operator_can_have_a_correction_forgotten() -> None:
     first = followed(2.0, 1.2, fault=RateFault(dec_factor=-1.0), settled_s=300.0)
     kept = first.rig.navigator.rates.as_dict()
@@ -220,6 +221,7 @@ def test_an_operator_can_have_a_correction_forgotten() -> None:
     assert written["correction"] is None
 
 
+@pytest.mark.long
 def test_a_mount_without_rates_follows_by_small_slews_and_says_what_is_left() -> None:
     done = followed(0.3, 0.1, made=WithoutRates)
     assert done.report.by in (FollowBy.SLEWS, FollowBy.PULSES)
@@ -340,12 +342,14 @@ def test_a_drifting_mount_without_faults_is_never_corrected_for_one() -> None:
     assert sorted(done.truly)[int(0.9 * len(done.truly))] <= TOLERANCE + 5.0
 
 
+@pytest.mark.long
 def test_a_german_mount_follows_on_either_side() -> None:
     done = followed(2.0, 1.2, machine=Machine(mounting="german"))
     assert max(done.truly) <= TOLERANCE + 1.0
     assert done.left == (0.0, 0.0)
 
 
+@pytest.mark.long
 def test_a_declination_that_is_in_its_play_is_no_fault_of_the_rates() -> None:
     # it stands still for a minute, and then goes as ordered
     done = followed(2.0, -1.0, errors=replace(ERRORS, backlash_arcsec=60.0), tolerance_arcsec=30.0)
@@ -358,6 +362,7 @@ def test_a_declination_that_is_in_its_play_is_no_fault_of_the_rates() -> None:
     assert done.left == (0.0, 0.0)
 
 
+@pytest.mark.long
 def test_a_fast_pass_is_waited_for_ahead_and_followed_by_rates_renewed_often() -> None:
     async def work(rig: VirtualRig) -> tuple[FollowReport, list[float]]:
         begins = rig.clock.utc()

@@ -108,6 +108,7 @@ def passed(
     )
 
 
+@pytest.mark.long
 def test_an_offset_that_could_not_be_synced_is_carried_on_through_a_pass_without_looks() -> None:
     done = passed(centered_first=True, clouded=True)
     assert done.report is not None
@@ -119,6 +120,7 @@ def test_an_offset_that_could_not_be_synced_is_carried_on_through_a_pass_without
     assert done.left == (0.0, 0.0)
 
 
+@pytest.mark.long
 def test_a_look_ahead_and_looks_at_streaks_keep_a_pass_near() -> None:
     done = passed(centered_first=False, through=FINDER)
     assert done.report is not None
@@ -129,6 +131,7 @@ def test_a_look_ahead_and_looks_at_streaks_keep_a_pass_near() -> None:
     assert done.left == (0.0, 0.0)
 
 
+@pytest.mark.long
 def test_a_pass_of_which_nothing_is_known_says_so() -> None:
     done = passed(centered_first=False, clouded=True)
     assert done.report is not None
@@ -138,6 +141,7 @@ def test_a_pass_of_which_nothing_is_known_says_so() -> None:
     assert any("no look shows how it points there" in note for note in done.report.notes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "named"),
     [
@@ -158,6 +162,7 @@ def test_wrong_rates_of_a_fast_pass_are_seen_in_the_readings(fault: RateFault, n
         assert done.off <= 120.0
 
 
+@pytest.mark.long
 def test_false_solutions_on_a_pass_do_not_move_the_tube() -> None:
     done = passed(centered_first=True, through=FINDER, false_share=0.2)
     assert done.report is not None

@@ -81,6 +81,7 @@ def _restored(data: Mapping[str, Any], mounting: Mounting | None = None) -> Lear
     return made
 
 
+@pytest.mark.long
 @given(st.lists(inliers, min_size=5, max_size=30), st.randoms(use_true_random=False))
 def test_medians_do_not_depend_on_the_order(samples: list[CameraSample], chance: random.Random) -> None:
     one = taught(*samples)

@@ -23,6 +23,7 @@ WORST = (
 )
 
 
+@pytest.mark.long
 def test_killed_at_the_worst_moments_nothing_is_lost_and_nothing_happens_twice(tmp_path: Path) -> None:
     results = tried(tmp_path, list(WORST))
     for kill, (life, wrong) in zip(WORST, results, strict=True):

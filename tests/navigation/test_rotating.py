@@ -206,6 +206,7 @@ def test_work_that_is_cancelled_leaves_the_rotator_at_rest() -> None:
     in_virtual_time(work, rotates=PLAIN, rotator_rules=RotatorRules(sense=1))
 
 
+@pytest.mark.long
 def test_on_a_flip_the_field_turns_with_it() -> None:
     async def work(rig: VirtualRig) -> None:
         # a target that crosses the meridian while it is tracked
@@ -223,6 +224,7 @@ def test_on_a_flip_the_field_turns_with_it() -> None:
     in_virtual_time(work, machine=GERMAN, rotates=PLAIN, rotator_rules=FREE)
 
 
+@pytest.mark.long
 def test_a_field_that_can_t_turn_with_the_flip_is_told() -> None:
     async def work(rig: VirtualRig) -> None:
         target = rig.up(-1.0, 20.0)
@@ -242,6 +244,7 @@ def test_a_field_that_can_t_turn_with_the_flip_is_told() -> None:
     )
 
 
+@pytest.mark.long
 def test_a_flip_without_an_angle_turns_nothing() -> None:
     async def work(rig: VirtualRig) -> None:
         assert rig.rotates is not None

@@ -162,6 +162,7 @@ def test_what_the_rules_were_told_is_made_again_to_the_last_digit(night) -> None
         assert then == now
 
 
+@pytest.mark.long
 def test_other_rules_show_what_they_change(night) -> None:
     recording, _ = night
     report = replayed(recording, replace(RULES, correct_when_off_by_arcsec=100.0))

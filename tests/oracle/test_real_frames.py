@@ -95,6 +95,7 @@ def test_a_place_that_only_an_alternative_knows_is_enough(frames):
     assert known.error_px(verdict) <= known.allowed_px()
 
 
+@pytest.mark.long
 def test_scale_may_be_unknown(frames):
     chosen = [
         (known, frame)

@@ -44,6 +44,7 @@ def whole(light: NDArray[np.float64]) -> NDArray[np.uint16]:
     return np.clip(np.rint(light), 0, 65535).astype(np.uint16)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("pattern", PATTERNS)
 @pytest.mark.parametrize("card", [True, False])
 @pytest.mark.parametrize("shape", [(100, 120), (301, 299)])
@@ -61,6 +62,7 @@ def test_a_calibrated_mosaic_is_found_by_its_card_only() -> None:
     assert not is_mosaic(light, {})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("card", [True, False])
 @pytest.mark.parametrize(
     "factors",

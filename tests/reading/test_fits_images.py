@@ -219,6 +219,7 @@ def test_wherever_a_file_is_cut_it_is_refused(pixels: np.ndarray, tiled: bool) -
         assert caught.value.advice
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None)
 @given(st.data())
 def test_flipped_bytes_give_a_frame_or_a_bad_frame(data: st.DataObject) -> None:
@@ -289,6 +290,7 @@ def test_single_cards(card: str, value: object, comment: str | None) -> None:
     assert read.comments.get(key) == comment
 
 
+@pytest.mark.long
 def test_reading_in_threads_leaves_the_warning_filters_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     entered: list[object] = []
     monkeypatch.setattr(warnings.catch_warnings, "__enter__", entered.append)

@@ -175,6 +175,7 @@ def test_what_was_packed_as_a_whole_is_packed_again(packer: ModuleType) -> None:
     assert packer.decompress(after) == updated_fits(_odd_file(), CARDS)
 
 
+@pytest.mark.long
 def test_what_is_no_fits_or_damaged_is_refused() -> None:
     with pytest.raises(BadFrame, match="no FITS"):
         updated_fits(b"\x89PNG" + bytes(100), CARDS)

@@ -110,6 +110,7 @@ def test_sextractors_second_table_and_columns_of_any_kind() -> None:
     assert_the_four(read(scaled))
 
 
+@pytest.mark.long
 @given(
     st.lists(
         st.tuples(
@@ -273,6 +274,7 @@ def test_hostile_texts_are_refused_in_one_line_and_take_little_memory(content: b
     assert peak < 40_000_000 + 3 * len(content)
 
 
+@pytest.mark.long
 def test_a_list_of_too_many_rows_is_refused() -> None:
     with pytest.raises(BadFrame, match="stars"):
         read_star_list(b"1 2\n" * (MOST_ROWS + 1), "list")

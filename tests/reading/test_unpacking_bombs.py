@@ -107,6 +107,7 @@ def test_a_drawn_frame_without_noise_is_read() -> None:
     )
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_little_memory")
 def test_a_picture_of_nothing_is_refused() -> None:
     rows = zlib.compress(bytes(13_000 * 12_001), 9)
@@ -176,6 +177,7 @@ def test_a_tile_of_hcompress_that_says_it_is_larger_is_refused() -> None:
         read_frame(bytes(content))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["RICE_1", "GZIP_1", "GZIP_2", "HCOMPRESS_1", "PLIO_1"])
 @pytest.mark.parametrize("tile", [(1, 500), (64, 64), (400, 500)])
 def test_honest_tiles_of_every_kind_are_read(kind: str, tile: tuple[int, int]) -> None:

@@ -81,6 +81,7 @@ def test_one_frame_is_solved_the_rest_followed_and_audited(night) -> None:
         assert one.solution.center_sigma_arcsec > 0
 
 
+@pytest.mark.long
 def test_drift_is_true_and_within_its_error(night) -> None:
     report, centers = night
     assert len(report.segments) == 1

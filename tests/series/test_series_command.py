@@ -100,6 +100,7 @@ def test_without_dates_there_is_no_drift_and_a_reason(files: list[Path], tmp_pat
     assert record["frames"][2]["shift"]["pairs"] > 50
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "options", [("--ra", "400", "--dec", "1"), ("--ra", "10"), ("--audit", "-1"), ("--profile", "best")]
 )

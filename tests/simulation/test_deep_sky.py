@@ -98,6 +98,7 @@ def test_there_are_close_pairs():
     assert 0.06 < close < 0.2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_a_catalog_errs_as_it_states(kind):
     sky = DeepSky(3, faintest_mag=21.0)
@@ -141,6 +142,7 @@ def test_what_a_catalog_does_not_resolve_is_one_star_between_the_two():
     assert np.mean(between < 1.6) > 0.8
 
 
+@pytest.mark.long
 def test_a_packed_store_holds_what_the_catalog_states(tmp_path):
     catalog = DeepSky(3, faintest_mag=20.0).as_catalog("gaia")
     cones = [(place, 0.3) for place in PLACES[:4]] + [(Icrs(100.1, 20.1), 0.3)]

@@ -49,6 +49,7 @@ def test_from_rest_it_takes_the_time_of_a_trapezoid(start, target, rate, acceler
     assert path.pieces[-1].start_s == pytest.approx(shortest, abs=1e-6)
 
 
+@pytest.mark.long
 @given(st.lists(st.tuples(st.floats(0.01, 5), st.floats(-3, 3)), min_size=1, max_size=6), st.floats(0, 0.5))
 def test_the_play_is_that_of_many_small_steps(orders, play) -> None:
     path, t_s = AxisPath.resting(0.0, 0.0, 0.0, play), 0.0

@@ -186,6 +186,7 @@ def test_slew_is_monotone_and_ends_at_rest_on_the_target(clock, site: Site) -> N
     assert later.dec_axis_deg == mechanics.axes(end).dec_axis_deg
 
 
+@pytest.mark.long
 def test_twice_the_rates_take_half_the_time(clock, site: Site) -> None:
     durations = []
     for factor in (1.0, 2.0):

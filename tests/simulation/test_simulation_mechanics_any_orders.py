@@ -152,6 +152,7 @@ def test_no_axis_jumps_or_is_faster_than_built(machine, course) -> None:
             assert abs(step) <= rate * dt + 1e-6
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(courses)
 def test_no_axis_passes_its_limits(course) -> None:

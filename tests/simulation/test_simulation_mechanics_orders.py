@@ -336,6 +336,7 @@ def test_a_sync_beyond_reach_is_refused(clock) -> None:
 # -- clock and site ------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_minute_on_the_clock_is_fifteen_minutes_of_arc_in_the_report_alone(clock) -> None:
     mechanics = Mechanics(SITE, NO_AIR, NONE, clock=clock)
     before, truth = mechanics.reported(), mechanics.truth()

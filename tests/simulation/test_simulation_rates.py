@@ -249,6 +249,7 @@ def test_single_axes_that_follow_are_spoilt_alike(side: PierSide) -> None:
     assert mechanics.axis_velocity("ha") == -0.5
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(
     st.sampled_from([NORTH, SOUTH]),

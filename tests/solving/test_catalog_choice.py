@@ -71,6 +71,7 @@ def test_a_narrow_frame_gets_the_most_precise_catalog(sky, shelf, preset, exposu
     assert verdict.solution.identified.band == "G"
 
 
+@pytest.mark.long
 def test_with_the_embedded_catalog_alone_the_field_is_too_narrow(sky):
     optics = PRESETS["vihorlat-vnt"]
     shelf = CatalogSet(embedded_catalog())
@@ -200,6 +201,7 @@ def test_choices_are_ranked_by_stars_and_precision(shelf, stores):
     assert alone.choices(CENTER, None, epoch_yr=EPOCH_YR)[0].catalog is stores["gaia"]
 
 
+@pytest.mark.long
 def test_a_narrow_frame_of_unknown_scale_is_solved_with_an_imported_catalog(sky, shelf):
     optics = PRESETS["vihorlat-vnt"]
     frame = replace(drawn(sky, optics, 60.0), hint=Hint())
@@ -405,6 +407,7 @@ def test_a_narrow_frame_with_a_wide_hint_is_not_sought_over_the_whole_sky(sky, s
     assert None not in asked
 
 
+@pytest.mark.long
 def test_a_frame_wrongly_believed_narrow_is_still_found_over_the_whole_sky(sky, shelf, sky_index):
     believed_narrow = Hint(BELIEVED, 0.05, 0.5, 0.55)
     far = Icrs(200.0, 40.0)
@@ -456,6 +459,7 @@ def test_an_online_catalog_alone_is_asked_or_the_frame_is_not_solved(sky, stores
     assert any(step.startswith("deep: 2 tiles") for step in solved.catalog_steps)
 
 
+@pytest.mark.long
 def test_without_an_index_an_ordered_catalog_of_elsewhere_solves_nothing(sky, stores):
     pole = CatalogSet(embedded_catalog(), [stores["gaia"]], use_indexed=False)
     far = Icrs(200.0, 40.0)

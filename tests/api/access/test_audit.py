@@ -174,6 +174,7 @@ def test_old_rows_go_and_nobody_can_push_his_own_out(tmp_path: Path) -> None:
     journal.close()
 
 
+@pytest.mark.long
 async def test_every_changing_request_leaves_a_row_and_no_question_does(
     serving: Serve, observatory_toml: str, tmp_path: Path
 ) -> None:

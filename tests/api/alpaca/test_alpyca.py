@@ -100,6 +100,7 @@ def test_alpycas_own_search_finds_it(address: str) -> None:
     _until(lambda: address in alpaca.discovery.search_ipv4(numquery=1, timeout=1))
 
 
+@pytest.mark.long
 def test_what_it_is_and_can(telescope: Telescope) -> None:
     assert telescope.Connected
     assert not telescope.Connecting
@@ -153,6 +154,7 @@ def test_what_it_is_and_can(telescope: Telescope) -> None:
     assert telescope.GuideRateDeclination == half
 
 
+@pytest.mark.long
 def test_rates_beside_the_sidereal_one_are_kept_and_end(telescope: Telescope) -> None:
     assert telescope.CanSetRightAscensionRate is True
     assert telescope.CanSetDeclinationRate is True

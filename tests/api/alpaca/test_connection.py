@@ -229,6 +229,7 @@ async def test_an_open_door_needs_no_key(tmp_path: Path, keys: dict[Role, str]) 
         assert (await found.http.get("/v1/telescopes")).status_code == 401
 
 
+@pytest.mark.long
 async def test_every_order_is_written_down_with_its_face(observatory: Running) -> None:
     german = observatory.probe
     await german.put("tracking", Tracking=True)

@@ -120,6 +120,7 @@ async def test_a_sync_is_read_back_before_the_answer_and_moves_nothing(fast: Run
     assert await german.miss_arcsec(ra_h, 23.6) < 10.0
 
 
+@pytest.mark.long
 async def test_an_abort_stops_whatever_moves_and_is_no_failure(observatory: Running) -> None:
     german = observatory.probe
     await german.put("abortslew")
@@ -177,6 +178,7 @@ async def test_a_slew_of_the_same_client_makes_room_for_its_next_and_of_nobody_e
     await german.put("abortslew")
 
 
+@pytest.mark.long
 async def test_a_slew_that_fails_raises_once_for_each_client_that_reads_slewing(
     observatory: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -388,6 +390,7 @@ async def test_settling_counts_as_slewing(fast: Running) -> None:
     assert len(fast.service.jobs.all()) == before + 1
 
 
+@pytest.mark.long
 async def test_a_lease_of_somebody_else_is_told_with_its_holders_name(observatory: Running) -> None:
     german, leases = observatory.probe, observatory.service.leases
     await leases.take(Caller("dome computer", Role.OPERATE, Face.REST), "german", ttl_s=60.0)

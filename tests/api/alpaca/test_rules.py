@@ -296,6 +296,7 @@ RANGES: list[tuple[str, dict[str, object], list[tuple[str, list[object]]]]] = (
 )
 
 
+@pytest.mark.long
 async def test_values_out_of_range_are_invalid(shared_observatory: Running) -> None:
     german = shared_observatory.probe
     checks = Checks()
@@ -322,6 +323,7 @@ async def test_values_out_of_range_are_invalid(shared_observatory: Running) -> N
     checks.done(80)
 
 
+@pytest.mark.long
 async def test_while_not_connected_only_a_few_members_answer(shared_observatory: Running) -> None:
     german = shared_observatory.probe
     checks = Checks()

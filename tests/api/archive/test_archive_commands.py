@@ -36,6 +36,7 @@ def archive(lists: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_every_frame_is_accounted_for(archive: Path, lists: Path) -> None:
     frames = _rows(archive, "frames.parquet")
     assert [row["number"] for row in frames] == list(range(10))
@@ -89,6 +90,7 @@ def test_headers_are_written_for_other_programs(archive: Path, tmp_path: Path) -
         assert word in fits.Header.fromfile(first)["CTYPE1"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("words", "why"),
     [

@@ -30,6 +30,7 @@ ORDER = ["a.fits", "below/b.fits", "broken.fits", "c.fit"]
 MOUNTNAV = [sys.executable, "-m", "api.main"]
 
 
+@pytest.mark.long
 def test_a_folder_is_solved_in_order_and_a_bad_file_stops_nothing(folder: Path) -> None:
     done = run_here("solve", folder, "--json", *HINT)
     assert done.returncode == 1
@@ -44,6 +45,7 @@ def test_a_folder_is_solved_in_order_and_a_bad_file_stops_nothing(folder: Path) 
         assert miss_arcsec < SCALE_ARCSEC_PX
 
 
+@pytest.mark.long
 def test_patterns_and_lists_name_frames_too(
     folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -91,6 +93,7 @@ def test_bad_usage_is_one_line_and_changes_nothing(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_the_same_rows_in_each_kind_of_file(folder: Path, tmp_path: Path) -> None:
     names = [str(tmp_path / f"r.{kind}") for kind in ("csv", "ecsv", "parquet")]
     done = run_here("solve", folder, "--csv", names[0], "--ecsv", names[1], "--parquet", names[2], *HINT)
@@ -132,6 +135,7 @@ def test_a_run_is_resumed_by_content_and_not_by_name(folder: Path, tmp_path: Pat
     assert [json.loads(line)["file"] for line in third.stdout.splitlines()] == [str(folder / "broken.fits")]
 
 
+@pytest.mark.long
 def test_the_line_that_was_not_finished_is_done_again(folder: Path, tmp_path: Path) -> None:
     results = tmp_path / "results.jsonl"
     run_here("solve", folder / "a.fits", folder / "c.fit", "--resume", results, *HINT)

@@ -115,6 +115,7 @@ def test_pictures_are_written(frames: list[Path], record: dict[str, Any]) -> Non
         assert 0.01 < np.mean(pixels < 200) < 0.5
 
 
+@pytest.mark.long
 def test_markdown_and_the_table_for_people_hold_the_same_numbers(
     frames: list[Path], record: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -199,6 +200,7 @@ def test_bad_usage_exits_2() -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 def test_nothing_solved_is_told_in_every_form(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for form in ({}, {"as_json": True}, {"as_markdown": True}):
         assert exit_code(accuracy, [tmp_path / "none.fits"], **PLAIN | form | {"plot": tmp_path / "p"}) == 1

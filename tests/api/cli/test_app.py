@@ -250,6 +250,7 @@ def test_a_fake_mount_on_tcp_tells_its_port() -> None:
         assert process.wait() == 0
 
 
+@pytest.mark.long
 def test_a_link_over_a_file_is_refused(tmp_path: Path) -> None:
     precious = tmp_path / "precious"
     precious.write_text("keep")
@@ -273,6 +274,7 @@ def test_the_catalog_tells_what_it_holds() -> None:
     assert "J2000.00" in table.stdout
 
 
+@pytest.mark.long
 def test_output_into_a_closed_pipe_is_no_crash() -> None:
     command = [*MOUNTNAV, "catalog", "cone", "--ra", "280", "--dec", "38", "--radius", "4", "--json"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

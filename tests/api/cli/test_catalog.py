@@ -174,6 +174,7 @@ def test_a_kill_from_outside_at_any_time_loses_nothing(tmp_path: Path, folder: P
     assert (folder / "ucac4.mnc").read_bytes() == whole
 
 
+@pytest.mark.long
 def test_what_is_wrong_ends_with_one_line_and_code_2(zones: Path, folder: Path, tmp_path: Path) -> None:
     bad = tmp_path / "bad"
     bad.mkdir()
@@ -304,6 +305,7 @@ def test_info_of_an_import_agrees_with_its_source(zones: Path, folder: Path) -> 
     assert "stars/deg2" in out
 
 
+@pytest.mark.long
 def test_info_of_the_embedded_one_is_what_its_docs_say() -> None:
     (facts,) = _json("info")
     assert facts == _json("info", "tycho2")[0]
@@ -386,6 +388,7 @@ def test_cone_of_the_embedded_one_names_its_flags() -> None:
 # remove
 
 
+@pytest.mark.long
 def test_remove_asks_once(zones: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _json("import", "ucac4", zones)
     with pytest.raises(BadRequest, match="--yes"):

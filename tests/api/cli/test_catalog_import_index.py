@@ -93,6 +93,7 @@ def test_without_a_terminal_one_line_tells_of_it(
     ]
 
 
+@pytest.mark.long
 def test_a_cache_that_cant_be_written_ends_it_with_advice(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     done = subprocess.run(

@@ -83,6 +83,7 @@ def test_show_of_files(tmp_path: Path) -> None:
         run("show", station, *HERE, "--at", "2026-03-01T00:00")
 
 
+@pytest.mark.long
 def test_the_site_comes_from_the_settings(tmp_path: Path, folder: Path) -> None:
     settings = tmp_path / "observatory.toml"
     settings.write_text(

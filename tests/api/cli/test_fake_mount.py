@@ -148,6 +148,7 @@ sys.exit(serve_fake(FakeMountOptions(protocol="lx200", link=Path({str(link)!r}))
     assert not link.is_symlink()
 
 
+@pytest.mark.long
 def test_the_list_tells_all() -> None:
     command = [sys.executable, "-m", "api.main", "fake-mount", "--list"]
     listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()

@@ -224,6 +224,7 @@ def service():
     server.server_close()
 
 
+@pytest.mark.long
 def test_a_run_that_is_interrupted_goes_on(service, config, tmp_path):
     handler, url = service
     out, model = tmp_path / "run.jsonl", tmp_path / "model.json"

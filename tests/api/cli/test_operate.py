@@ -128,6 +128,7 @@ def test_stop_asks_nothing_before(service: Served, monkeypatch: pytest.MonkeyPat
     assert run(service.url, "stop", "east").stdout.startswith("east: stopped")
 
 
+@pytest.mark.long
 def test_stop_ends_what_runs(service: Served) -> None:
     started = run(service.url, "look", "--exposure", "60", "--detach")
     assert started.exit_code == 0, started.stderr
@@ -138,6 +139,7 @@ def test_stop_ends_what_runs(service: Served) -> None:
     assert "was cancelled" not in run(service.url, "stop").stdout
 
 
+@pytest.mark.long
 def test_no_service_is_said_so(unused_port: str) -> None:
     code, answer = told(unused_port, "stop")
     assert code == 1

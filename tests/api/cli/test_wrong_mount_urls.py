@@ -242,6 +242,7 @@ def test_what_only_the_start_can_find_out_is_told_as_plainly(tmp_path: Path, mor
     assert told in ended.stderr.splitlines()[-1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "words",
     [

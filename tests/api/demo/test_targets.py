@@ -25,6 +25,7 @@ def test_each_named_star_is_bright_in_the_catalog(name: str) -> None:
     assert near.mag[0] < 3.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hour", range(24))
 def test_at_any_hour_five_targets_start_more_than_five_arcminutes_off(hour: int) -> None:
     settings = demo_settings("127.0.0.1", 8000)

@@ -44,6 +44,7 @@ async def test_the_state_tells_where_it_points(client: httpx.AsyncClient) -> Non
     assert [one["id"] for one in (await client.get("/v1/telescopes")).json()] == ["east", "gone"]
 
 
+@pytest.mark.long
 async def test_a_centering_goes_the_whole_way(client: httpx.AsyncClient) -> None:
     target = await _near_zenith(client, -5.0)
     job = await _ended(client, await client.post(f"{EAST}/center", json=target))
@@ -56,6 +57,7 @@ async def test_a_centering_goes_the_whole_way(client: httpx.AsyncClient) -> None
     assert job["attempts"][0]["synced"] is True
 
 
+@pytest.mark.long
 async def test_look_and_sync_need_no_body(client: httpx.AsyncClient) -> None:
     look = await _ended(client, await client.post(f"{EAST}/look"))
     assert look["result"]["kind"] == "look", look
@@ -66,6 +68,7 @@ async def test_look_and_sync_need_no_body(client: httpx.AsyncClient) -> None:
     assert again["result"]["offset"]["total_arcsec"] < 30.0
 
 
+@pytest.mark.long
 async def test_a_recovery_confirms_by_a_second_look_and_syncs(client: httpx.AsyncClient) -> None:
     # a mount that isn't lost: the hint leads there, and the way is the same
     job = await _ended(client, await client.post(f"{EAST}/recover", json={"exposure_s": 0.2}))
@@ -108,6 +111,7 @@ async def test_busy_names_the_running_job_and_stop_is_never_refused(client: http
     assert idle.json() == {"telescope": "east", "stopped": True, "cancelled_job_id": None}
 
 
+@pytest.mark.long
 async def test_deleting_a_job_stops_the_slew_and_twice_is_fine(client: httpx.AsyncClient) -> None:
     before = await _near_zenith(client)
     started = await client.post(f"{EAST}/slew", json={**before, "dec_deg": before["dec_deg"] + 40.0})
@@ -145,6 +149,7 @@ async def test_a_missing_port_names_those_that_exist_and_kills_nothing(client: h
     assert not health["earth_rotation"]["dut1_overridden"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "body",
     [
@@ -191,6 +196,7 @@ async def test_unknown_things_are_not_found(client: httpx.AsyncClient) -> None:
     assert (wrong.status_code, _slug(wrong)) == (405, "method-not-allowed")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wait", ["nan", "inf", "-1", "x"])
 async def test_a_bad_wait_is_told(client: httpx.AsyncClient, wait: str) -> None:
     answer = await client.get("/v1/jobs/nothing", params={"wait": wait})

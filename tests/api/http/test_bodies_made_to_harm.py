@@ -14,6 +14,7 @@ BODIES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
 async def test_a_harmful_body_is_a_problem(client: httpx.AsyncClient, body: bytes) -> None:
     for path in ("/v1/telescopes/east/look", "/v1/telescopes/east/center"):

@@ -88,6 +88,7 @@ def _many_machines(number: int) -> str:
     return f"127.0.1.{1 + number % 200}"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "data",
     [
@@ -303,6 +304,7 @@ async def test_an_idle_connection_makes_room_and_one_that_never_asked_goes_first
         await asked_reader.readuntil(b"/c 0")
 
 
+@pytest.mark.long
 async def test_a_stop_that_has_just_come_makes_no_room_for_a_flood_of_newcomers() -> None:
     gate = Gate(Bounds(most=3, each_address=3, stops=1, fresh=2))
     stop = b"POST /v1/stop HTTP/1.1\r\nHost: a\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"

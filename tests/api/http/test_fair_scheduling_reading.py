@@ -113,6 +113,7 @@ def test_requests_are_answered_alike_however_they_are_cut(cuts: list[int]) -> No
     assert told.find(ANSWERS[0]) < told.find(ANSWERS[1]) < told.find(ANSWERS[2])
 
 
+@pytest.mark.long
 async def test_a_stop_of_one_who_hangs_up_at_once_counts_beside_others() -> None:
     gate = Gate(Bounds())
     heard: list[str] = []

@@ -113,6 +113,7 @@ async def test_a_stop_without_end_holds_the_others_for_a_while_only(monkeypatch:
 MANY = {f"x{number}": "1" for number in range(200)}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("path", "headers", "status"),
     [
@@ -140,6 +141,7 @@ async def test_a_stop_alone_is_taken_with_any_number_of_headers_and_the_first_on
     assert taken == ([100] if path == STOP else [])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("host", ["[", "[::1", "127.0.0.1]", "evil@127.0.0.1"])
 async def test_a_host_that_is_none_is_no_loopback_name(client: httpx.AsyncClient, host: str) -> None:
     assert (await client.get("/v1/telescopes", headers={"Host": host})).status_code == 403

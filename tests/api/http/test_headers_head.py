@@ -8,6 +8,7 @@ import pytest
 EAST = "/v1/telescopes/east"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", ["/v1/health", "/v1/capabilities", "/", "/v1/jobs/nothing"])
 async def test_head_tells_what_get_would(client: httpx.AsyncClient, path: str) -> None:
     got = await client.get(path)

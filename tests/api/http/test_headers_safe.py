@@ -131,6 +131,7 @@ async def test_every_answer_of_every_route_and_method(observatory_toml: str, hea
     assert {403} == statuses if headers else {200, 404, 405, 500} <= statuses
 
 
+@pytest.mark.long
 async def test_every_answer_of_a_running_service(observatory_toml: str) -> None:
     app = create_app(Settings.parse(observatory_toml))
     async with app.router.lifespan_context(app):

@@ -131,6 +131,7 @@ def test_the_host_in_an_address_is_the_one_that_counts(target: str, path: str, h
     assert (scope["path"], dict(scope["headers"])) == (path, {b"host": host, b"a": b"b"})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("begun", [False, True], ids=["before it answers", "in its answer"])
 async def test_a_body_that_breaks_off_in_nonsense_leaves_no_traceback(
     begun: bool, caplog: pytest.LogCaptureFixture

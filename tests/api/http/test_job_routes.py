@@ -165,6 +165,7 @@ async def test_a_file_is_solved_only_from_allowed_folders(
             assert job["problem"]["type"].endswith(slug), (path, job["problem"])
 
 
+@pytest.mark.long
 async def test_what_the_service_tells_of_itself(client: httpx.AsyncClient) -> None:
     able = (await client.get("/v1/capabilities")).json()
     assert {one["kind"] for one in able["kinds"]} == set(KINDS)

@@ -6,12 +6,15 @@ import json
 import re
 from functools import cache
 
+import pytest
+
 from api.http import field_words, openapi
 from api.http.openapi import FROZEN_PATH
 
 openapi_text = cache(openapi.openapi_text)  # a second of CPU each time
 
 
+@pytest.mark.long
 def test_the_interface_is_as_frozen() -> None:
     frozen = FROZEN_PATH.read_text(encoding="utf-8")
     assert openapi_text() == frozen, "meant? then run: python -m api.http.openapi"

@@ -55,6 +55,7 @@ async def test_below_the_limit_nothing_moves_and_the_limit_is_named(client: http
     assert "slew" not in str(commands)
 
 
+@pytest.mark.long
 async def test_looks_feed_the_doctor_and_the_drift_report(client: httpx.AsyncClient) -> None:
     few = await client.get(f"{EAST}/pointing-doctor")
     assert few.status_code == 200, few.text
@@ -70,6 +71,7 @@ async def test_looks_feed_the_doctor_and_the_drift_report(client: httpx.AsyncCli
     assert looks.status_code == 200, looks.text
 
 
+@pytest.mark.long
 async def test_tracking_and_an_acknowledgment(client: httpx.AsyncClient) -> None:
     job = await _ended(client, await client.post(f"{EAST}/tracking", json={"on": True, "rate": "sidereal"}))
     assert job["state"] == "succeeded" or job["problem"]["reasons"] == ["unsupported"], job

@@ -215,6 +215,7 @@ def _near(place: Icrs) -> dict[str, float]:
     }
 
 
+@pytest.mark.long
 async def test_a_service_with_a_worker(observatory_toml: str, tmp_path: Path) -> None:
     truth = Icrs(85.0, 30.0)
     content = _drawn(truth)

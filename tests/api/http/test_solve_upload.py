@@ -48,6 +48,7 @@ def drawn() -> bytes:
     return _fits(frame.pixels)
 
 
+@pytest.mark.long
 async def test_a_form_and_a_bare_body_give_the_same_place(client: httpx.AsyncClient, drawn: bytes) -> None:
     as_form = await client.post("/v1/solve", params=HINT, files={"file": ("taurus.fits", drawn)})
     as_body = await client.post("/v1/solve", params=HINT, content=drawn)

@@ -33,6 +33,7 @@ async def deaf() -> AsyncIterator[int]:
         writer.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", ["/v1/stop", "/v1/telescopes/frozen/stop"])
 async def test_a_frozen_mount_holds_up_nobodys_stop(observatory_toml: str, deaf: int, path: str) -> None:
     # it is given up some seconds after the answer to the stop is due, not after the minute of a slow board

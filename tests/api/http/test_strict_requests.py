@@ -37,6 +37,7 @@ async def test_every_route_refuses_a_parameter_that_it_does_not_know(
     assert asked > 50
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "query",
     [
@@ -64,6 +65,7 @@ async def test_a_list_may_be_repeated(client: httpx.AsyncClient) -> None:
     assert (await client.get("/v1/journal?kind=look&kind=command&limit=3")).status_code == 200
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "body",
     [
@@ -111,6 +113,7 @@ async def test_twenty_thousand_keys_are_refused_unread(client: httpx.AsyncClient
     assert "'k899' stands twice" in answer.text
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["GET", "POST", "PUT", "OPTIONS", "TRACE"])
 async def test_an_address_without_end_is_refused_before_any_route_is_held_against_it(
     client: httpx.AsyncClient, method: str
@@ -122,11 +125,13 @@ async def test_an_address_without_end_is_refused_before_any_route_is_held_agains
     assert (await client.get(f"{EAST}/events/none?a=" + "1" * 8000)).status_code != 414
 
 
+@pytest.mark.long
 async def test_a_stop_is_taken_whatever_its_query(client: httpx.AsyncClient) -> None:
     answer = await stopped(client, f"{EAST}/stop?a=" + "1" * 9000)
     assert answer.status_code == 200, answer.text
 
 
+@pytest.mark.long
 async def test_the_description_is_made_beside_the_loop(observatory_toml: str) -> None:
     app = create_app(Settings.parse(observatory_toml))
     threads: list[int] = []

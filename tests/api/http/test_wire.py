@@ -53,6 +53,7 @@ async def test_the_service_shows_what_was_said(client: httpx.AsyncClient) -> Non
     assert (await client.get(WIRE, params={"after": -1})).status_code == 422
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("protocol", FAKES)
 async def test_fakes_of_every_family_are_served(serving: Serve, observatory_toml: str, protocol: str) -> None:
     dialect = "onstep" if protocol == "lx200" else fake_dialects(protocol)[-1]

@@ -55,6 +55,7 @@ def released(name: str, *elements: str) -> bytes:
     return messages.new_switches("east", name, dict.fromkeys(elements, False))
 
 
+@pytest.mark.long
 async def test_a_key_moves_while_it_is_pressed(indi: tuple[Service, IndiServer]) -> None:
     service, server = indi
     async with raw_client(server) as raw:
@@ -73,6 +74,7 @@ async def test_a_key_moves_while_it_is_pressed(indi: tuple[Service, IndiServer])
         await at_rest(service)
 
 
+@pytest.mark.long
 async def test_a_client_that_goes_leaves_nothing_moving(indi: tuple[Service, IndiServer]) -> None:
     service, server = indi
     async with raw_client(server) as raw:
@@ -81,6 +83,7 @@ async def test_a_client_that_goes_leaves_nothing_moving(indi: tuple[Service, Ind
     await at_rest(service)
 
 
+@pytest.mark.long
 async def test_a_key_that_is_never_released_ends_by_its_time(indi: tuple[Service, IndiServer]) -> None:
     service, server = indi
     async with raw_client(server) as raw:
@@ -90,6 +93,7 @@ async def test_a_key_that_is_never_released_ends_by_its_time(indi: tuple[Service
         await at_rest(service)
 
 
+@pytest.mark.long
 async def test_one_clients_key_is_no_others(indi: tuple[Service, IndiServer]) -> None:
     service, server = indi
     async with raw_client(server) as raw, raw_client(server) as other:
@@ -100,6 +104,7 @@ async def test_one_clients_key_is_no_others(indi: tuple[Service, IndiServer]) ->
         await other.until(lambda: State.ALERT in other.states(NS, mark), "refused")
 
 
+@pytest.mark.long
 async def test_custom_rates_by_indis_own_programs(indi: tuple[Service, IndiServer]) -> None:
     if shutil.which("indi_setprop") is None:
         pytest.skip("indi-bin is not installed")
@@ -122,6 +127,7 @@ async def test_custom_rates_by_indis_own_programs(indi: tuple[Service, IndiServe
     assert reading.tracking
 
 
+@pytest.mark.long
 async def test_custom_rates_are_put_off_while_the_client_stays(indi: tuple[Service, IndiServer]) -> None:
     service, server = indi
     mount = service.observatory.telescope("east").navigator.mount

@@ -54,6 +54,7 @@ async def slewing(service: Service) -> None:
     await until(lambda: mechanics_of(service).slewing(), "slewing")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("broken", [HUGE, CUT, b"</a>", b"<newNumberVector a='" + b">" * 17_000])
 async def test_a_stop_counts_whatever_the_same_write_holds(rig: Rig, broken: bytes) -> None:
     service, server = rig
@@ -106,6 +107,7 @@ ATTACK = b'<newNumberVector a="' + b">" * 15_500
 SMALL = b"<a/>" * 16_000
 
 
+@pytest.mark.long
 async def test_attackers_keep_neither_the_loop_nor_a_stop(rig: Rig) -> None:
     """Ten attackers at once: the longest turn is a fraction of what one of their writes takes to read."""
     service, server = rig

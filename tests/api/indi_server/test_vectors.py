@@ -36,6 +36,7 @@ def numbers(values: dict[str, float], state: State) -> Vector:
     return Vector("PLACE", "A <place> & more", "Main", "Number", "rw", state, members)
 
 
+@pytest.mark.long
 @settings(deadline=None)
 @given(NAMES, st.dictionaries(NAMES, NUMBERS, min_size=1, max_size=4), st.sampled_from(State), st.text())
 def test_what_is_written_is_read_as_it_was(

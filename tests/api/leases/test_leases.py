@@ -473,6 +473,7 @@ async def _within(condition: Callable[[], Awaitable[bool]]) -> None:
             await asyncio.sleep(0.01)
 
 
+@pytest.mark.long
 async def test_when_the_holder_dies_its_slew_is_stopped(client: httpx.AsyncClient) -> None:
     """A real slew of the fake mount, ended by the silence of who ordered it."""
     service = service_of(client)

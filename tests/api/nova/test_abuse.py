@@ -248,6 +248,7 @@ async def test_descriptors_are_left_for_devices_and_stops(descriptors: int) -> N
         assert held + 96 + 16 <= min(descriptors, 1024)
 
 
+@pytest.mark.long
 async def test_too_many_requests_of_one_address() -> None:
     observatory = OBSERVATORY.replace("[service]", "[service]\nrate_limit_per_s = 5\nrate_burst = 5")
     async with standing("", observatory) as nova:

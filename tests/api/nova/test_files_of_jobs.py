@@ -81,6 +81,7 @@ async def test_the_new_file_has_the_same_pixels_and_the_cards(nova: Standing) ->
     assert separation_arcsec(Icrs(middle.ra.deg, middle.dec.deg), Icrs(found["ra"], found["dec"])) < 1e-3
 
 
+@pytest.mark.long
 async def test_packed_files_and_pictures_become_fits(nova: Standing) -> None:
     import gzip
 

@@ -119,6 +119,7 @@ def test_an_exposure_lasts_as_long_as_the_sky_says(observatory: Observatory) -> 
     assert took_s >= 8.0 / SPEED - 0.01
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("method", "path", "status"),
     [

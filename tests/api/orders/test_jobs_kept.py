@@ -226,6 +226,7 @@ async def test_other_services_jobs_are_left_alone(file: Path) -> None:
     await asyncio.to_thread(journal.close)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turns", [0, 1, 2, 3, 5, 8])
 async def test_a_cancelled_job_is_written_down_as_cancelled(file: Path, turns: int) -> None:
     async with running(file) as service:

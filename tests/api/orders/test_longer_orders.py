@@ -87,6 +87,7 @@ def test_a_series_under_clouds_is_given_up_and_tells_each_look() -> None:
     assert all(one["problem"] and not one["solved"] for one in told)
 
 
+@pytest.mark.long
 def test_a_model_run_finds_the_errors_and_is_put_in_force_when_asked(tmp_path: Path) -> None:
     told: list[dict[str, object]] = []
     file = tmp_path / "model.json"

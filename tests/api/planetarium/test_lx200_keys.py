@@ -73,12 +73,14 @@ async def test_a_key_moves_until_it_is_released(rig: Rig) -> None:
     assert [str(job.state) for job in jobs] == ["succeeded"]
 
 
+@pytest.mark.long
 async def test_an_app_that_dies_moves_nothing_any_more(rig: Rig) -> None:
     await rig.say(b":RG#:Mw#")
     await until(lambda: rig.moving, "moving")
     await rig.at_rest()
 
 
+@pytest.mark.long
 async def test_a_key_that_is_never_released_ends_by_its_time(rig: Rig) -> None:
     await rig.say(b":RG#:Ms#")
     await until(lambda: rig.moving, "moving")
@@ -96,12 +98,14 @@ async def _ask_on(rig: Rig) -> None:
         await asyncio.sleep(0.3)
 
 
+@pytest.mark.long
 async def test_a_press_and_its_release_in_one_write_leave_nothing_moving(rig: Rig) -> None:
     await rig.say(b":Me#:Qe#")
     await asyncio.sleep(0.5)
     await rig.at_rest()
 
 
+@pytest.mark.long
 async def test_a_stop_ends_all_keys(rig: Rig) -> None:
     await rig.say(b":RG#:Mn#")
     await until(lambda: rig.moving, "moving")

@@ -239,6 +239,7 @@ async def test_a_stop_comes_first(rig: Rig) -> None:
     await one.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stop", [b":Q#", b":Qn#", b":Qw#", b":Sr12:34:5:Q#", b":G:Qe#"])
 async def test_a_stop_is_heard_behind_a_command_that_was_cut_off_and_one_way_too(
     rig: Rig, stop: bytes

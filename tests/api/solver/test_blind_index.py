@@ -170,6 +170,7 @@ def test_damage_within_the_index_costs_the_blind_search_alone(
     assert separation_arcsec(found.solution.center, place) < 20.0
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_empty_cache")
 async def test_closing_ends_the_building(
     made_up_sky: PackedStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -183,6 +184,7 @@ async def test_closing_ends_the_building(
     assert keeper.state.startswith("none")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_empty_cache")
 async def test_a_lost_mount_is_found_blind_and_recovered(made_up_sky: PackedStore) -> None:
     app = create_app(Settings.parse(WIDE), catalog=made_up_sky)

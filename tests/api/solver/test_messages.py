@@ -70,6 +70,7 @@ def _same(one: object, other: object) -> bool:
     return one == other or (isinstance(one, float) and math.isnan(one) and math.isnan(other))  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 def test_verdicts_come_over_whole(verdicts: tuple[Verdict, Verdict]) -> None:
     solved, unsolved = verdicts
     assert solved.solution is not None
@@ -192,6 +193,7 @@ def test_arrays_that_are_none(told: list[object]) -> None:
         read(_array(told))
 
 
+@pytest.mark.long
 @given(data=st.data())
 def test_damaged_answers_are_answers_or_refused(
     data: st.DataObject, verdicts: tuple[Verdict, Verdict]

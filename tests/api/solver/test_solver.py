@@ -206,6 +206,7 @@ async def test_a_fault_over_a_frame_whose_caller_left_is_logged(
     assert [one.exc_info[0] for one in caplog.records if one.exc_info] == [ZeroDivisionError]
 
 
+@pytest.mark.long
 async def test_closing_ends_the_process_and_refuses_who_waits(frame: Frame, tmp_path: Path) -> None:
     async with opened(MoodyCatalog(tmp_path)) as worker:
         waiting = [
@@ -248,6 +249,7 @@ asyncio.run(main())
 """
 
 
+@pytest.mark.long
 def test_a_killed_service_leaves_no_process_behind(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     parent = subprocess.Popen(

@@ -173,6 +173,7 @@ def test_the_header_of_wcs_verifies_whatever_the_frame_brings(solver: SolverInPr
     assert "CONTINUE" not in raw.decode("ascii")
 
 
+@pytest.mark.long
 def test_sip_is_written_only_where_it_is_wanted(solver: SolverInProcess) -> None:
     frame = drawn(distortion_px2=3e-8)
     as_png(Path("p.png"), frame)
@@ -211,6 +212,7 @@ def test_sip_of_a_picture_is_turned_with_its_rows(solver: SolverInProcess) -> No
     assert rows_up(turned, 480) == pytest.approx(cards)
 
 
+@pytest.mark.long
 def test_rows_of_each_kind_of_picture_count_as_in_the_original(solver: SolverInProcess) -> None:
     pixels = np.ascontiguousarray(drawn().pixels[::-1])
     gray = Image.fromarray(np.clip(pixels // 16, 0, 255).astype(np.uint8))
@@ -424,6 +426,7 @@ def test_any_arguments_are_taken_apart(arguments: list[str]) -> None:
             assert not (options.text(name) or "").startswith("-") or "=" in "".join(arguments)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("value", ["nan", "inf", "-3", "x", ""])
 def test_numbers_that_are_none_are_passed_over(value: str, solver: SolverInProcess) -> None:
     as_fits(Path("frame.fits"))
@@ -469,6 +472,7 @@ def test_analyse_prints_two_lines_and_writes_nothing(
     assert not Path("frame.ini").exists()
 
 
+@pytest.mark.long
 def test_stars_are_listed_with_places_once_the_frame_is_solved(solver: SolverInProcess) -> None:
     as_png(Path("p.png"))
     assert run(["-f", "p.png", "-extract", "20"], LocalHost(), solver) == SOLVED
@@ -500,6 +504,7 @@ def test_tofits_makes_a_binned_frame_of_a_picture(solver: SolverInProcess) -> No
     np.testing.assert_allclose(fits.getdata("p.fit"), binned, atol=0.51)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["fits", "png"])
 def test_annotate_draws_the_identified_stars_into_a_jpeg(kind: str, solver: SolverInProcess) -> None:
     (as_fits if kind == "fits" else as_png)(Path(f"frame.{kind}"))
@@ -619,6 +624,7 @@ PARTS = 10**6
 _place = st.integers(0, PARTS - 1)
 
 
+@pytest.mark.long
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     kind=st.sampled_from(["f.fits", "f.fits.fz", "f.fits.gz", "p.png", "p.tif", "p.jpg", "p.pgm"]),

@@ -187,6 +187,7 @@ def test_an_output_never_takes_the_place_of_its_input(tmp_path: Path) -> None:
     assert field.read_bytes() == before
 
 
+@pytest.mark.long
 def test_several_files_one_of_them_unreadable(field: Path, tmp_path: Path) -> None:
     broken = tmp_path / "broken.fits"
     broken.write_bytes(field.read_bytes()[:5000])
@@ -260,6 +261,7 @@ def test_a_reader_that_leaves_early_gets_its_files(field: Path, tmp_path: Path) 
     assert (tmp_path / "field.solved").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "solved_within"),
     [
@@ -295,6 +297,7 @@ def test_a_place_that_is_wrong_is_told_and_the_true_one_found(field: Path) -> No
     assert "A hint was wrong: center: caller says RA 180" in out
 
 
+@pytest.mark.long
 def test_the_headers_hints_bind_nothing_and_are_asked_only_if_wanted(tmp_path: Path) -> None:
     wrong = {"OBJCTRA": "12 00 00", "OBJCTDEC": "-40 00 00", "FOCALLEN": 50.0, "XPIXSZ": 9.0}
     field = fits_field(tmp_path / "field.fits", pixels(), **wrong)
@@ -333,6 +336,7 @@ def test_tan_or_sip_as_asked(tmp_path: Path) -> None:
     np.testing.assert_allclose(centers[0], centers[1], atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_picture_becomes_a_new_fits_file(tmp_path: Path) -> None:
     field = png_field(tmp_path / "field.png", pixels())
     assert call("solve-field", "-p", field, "-L", "2", "-H", "3")[0] == 0
@@ -409,6 +413,7 @@ def test_sources_alone(field: Path, tmp_path: Path) -> None:
     assert_found(out)
 
 
+@pytest.mark.long
 def test_image2xy_and_then_solve_field(field: Path, tmp_path: Path) -> None:
     written = tmp_path / "temp.xy"
     code, out, _ = call("image2xy", "-O", "-o", written, field)

@@ -51,6 +51,7 @@ def assert_one_answer(folder: Path, rotation_deg: float, parity: int, kind: str)
     assert f"Field parity: {'pos' if parity > 0 else 'neg'}" in out.splitlines()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("parity", "kind"), [(1, "fits"), (-1, "png")])
 def test_all_readers_find_one_answer(tmp_path: Path, parity: int, kind: str) -> None:
     assert_one_answer(tmp_path, 33.0, parity, kind)

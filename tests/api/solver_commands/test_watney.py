@@ -219,6 +219,7 @@ def test_what_is_no_frame_is_an_error(
     assert not Path("out.json").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "arguments",
     [

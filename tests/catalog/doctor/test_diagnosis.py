@@ -251,6 +251,7 @@ def test_a_thinned_catalog_has_no_more_than_it_has() -> None:
 # -- verdicts ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_wide_field_suffices_and_costs_no_advice() -> None:
     found = diagnose(camera(1.75, 1.75, 15.5), reach_of(33.0, 15.0), TYCHO2, epoch_yr=EPOCH, fields=600)
     assert found.verdict is Verdict.SUFFICES
@@ -277,6 +278,7 @@ def test_a_narrow_field_is_told_which_catalog_and_how() -> None:
     assert any("--dec-range -90 49" in text for text in found.advice)
 
 
+@pytest.mark.long
 def test_no_smaller_catalog_would_have_sufficed() -> None:
     reach = reach_of(46.4, 15.0)
     places, pole, plane = spread_fields(reach, 600), pole_fields(reach), plane_fields(reach)

@@ -126,6 +126,7 @@ def test_a_star_that_came_from_another_tile_is_there(server: StarServer, tmp_pat
     assert found.mag.tolist() == truth.mag.tolist() == [8.875]
 
 
+@pytest.mark.long
 def test_tiles_of_several_sizes_give_no_star_twice(server: StarServer, tmp_path: Path) -> None:
     catalog, place = online(server, tmp_path, **TAP), Icrs(100.0, 20.0)
     counts = []
@@ -180,6 +181,7 @@ def aged(cache: Path, days: float) -> str:
     return then.date().isoformat()
 
 
+@pytest.mark.long
 def test_stale_tiles_are_fetched_again_or_taken_as_they_are(server: StarServer, tmp_path: Path) -> None:
     catalog, place = online(server, tmp_path), Icrs(100.0, 20.0)
     truth = catalog.cone(place, 0.3, epoch_yr=2026.9)
@@ -375,6 +377,7 @@ def test_threads_share_it(server: StarServer, tmp_path: Path) -> None:
     assert not [path for path in tmp_path.rglob(".*") if path.is_file()]
 
 
+@pytest.mark.long
 def test_writers_of_one_tile_leave_a_record_with_its_stars(server: StarServer, tmp_path: Path) -> None:
     catalog = online(server, tmp_path)
     catalog.cone(Icrs(100.0, 20.0), 0.1, epoch_yr=2026.9)

@@ -190,6 +190,7 @@ def test_without_a_catalog_behind_it_is_an_error(server: StarServer, tmp_path: P
     assert raised.value.retryable
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mood", [moods.good, moods.packed, moods.redirected], ids=lambda mood: mood.__name__)
 def test_good_moods_are_believed(server: StarServer, tmp_path: Path, mood: Mood) -> None:
     server.mood = mood
@@ -198,6 +199,7 @@ def test_good_moods_are_believed(server: StarServer, tmp_path: Path, mood: Mood)
     assert len(stars) == len(embedded_catalog().cone(CENTER, RADIUS_DEG, epoch_yr=EPOCH_YR))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("told", [True, False], ids=["told", "silently"])
 def test_an_overflow_splits_the_tile(
     server: StarServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: bool

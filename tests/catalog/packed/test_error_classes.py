@@ -62,6 +62,7 @@ def test_cells_do_about_as_well_as_all_stars_at_once(curve: np.ndarray) -> None:
     assert scatter < 1.3 * np.log(ratios(curve, *classify(curve))).std()
 
 
+@pytest.mark.long
 def test_blocks_change_nothing(curve: np.ndarray) -> None:
     code, classes = by_cells(curve, 1)
     for blocks in (2, 17):

@@ -49,6 +49,7 @@ def scattered(
     return found
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None)
 @given(
     level=st.integers(0, 12),
@@ -118,6 +119,7 @@ def filled(path: Path, vectors: np.ndarray, nside: int) -> PackedStore:
     return PackedStore(path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("center", "radius_deg", "count", "nside"),
     [

@@ -275,6 +275,7 @@ def test_pixel_numbers_are_brought_to_nested(order: int, data: st.DataObject) ->
     assert nested_pixel((base * nside + x) * nside + y, nside) == base * nside**2 + bits
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not FINEST.exists(), reason="it comes with astrometry-data-tycho2-07-littleendian")
 def test_debians_index_files_are_tycho_2() -> None:
     reader = open_reader("astrometry-net", DEBIAN)

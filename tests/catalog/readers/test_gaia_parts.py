@@ -92,6 +92,7 @@ def test_wherever_a_text_is_divided_no_line_is_lost(
         assert places(opened(path)) == table["ra"].tolist()
 
 
+@pytest.mark.long
 def test_a_part_that_begins_with_a_line_has_that_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

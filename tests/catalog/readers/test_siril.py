@@ -349,6 +349,7 @@ def test_the_size_of_the_file_that_is_distributed_is_as_the_layout_says() -> Non
     assert 127 * 12 * 4**8 > stars_in_it > 90_000_000  # at most 127 to a pixel
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None)
 @given(at=st.integers(0, 128 + 48 * 4 + 40 * 16 - 1), value=st.integers(0, 255))
 def test_a_changed_byte_is_refused_or_changes_one_star(

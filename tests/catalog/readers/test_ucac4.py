@@ -389,6 +389,7 @@ def test_a_longer_file_is_refused(zone_1: Path, tmp_path: Path) -> None:
         read_one(longer)
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=150)
 @given(st.integers(0, 16067), st.integers(1, 255))
 def test_a_changed_byte_never_crashes(

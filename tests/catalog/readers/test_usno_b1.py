@@ -133,6 +133,7 @@ star = st.fixed_dictionaries(
 seen_star = st.tuples(star, st.tuples(*[observation] * 5))
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=60)
 @given(st.lists(seen_star, min_size=1, max_size=5))
 def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, stars: list) -> None:

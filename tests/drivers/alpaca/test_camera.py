@@ -214,6 +214,7 @@ async def test_an_image_of_before_is_not_taken_for_this_one() -> None:
         assert second.mid_exposure_utc != first.mid_exposure_utc
 
 
+@pytest.mark.long
 async def test_failures_are_told_in_the_drivers_words() -> None:
     async with bench(options="download_s=0.5") as one:
         one.fake.failure = AlpacaError(0x500, "the sensor overheated")
@@ -331,6 +332,7 @@ async def test_exposures_that_it_does_not_take_are_refused() -> None:
         assert "startexposure" not in one.server.orders()
 
 
+@pytest.mark.long
 async def test_a_lost_server_is_opened_again_and_set_anew() -> None:
     async with bench(options="binning=2") as one:
         running = asyncio.create_task(one.camera.expose(30.0))

@@ -301,6 +301,7 @@ def test_urls_that_make_no_sense_are_refused_without_the_password(url: str) -> N
 # -- orders --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 async def test_a_slew_arrives_and_a_sync_is_seen() -> None:
     async with rigged() as rig:
         there = await rig.beside(-8.0)
@@ -344,6 +345,7 @@ async def test_a_slew_switches_tracking_on_before() -> None:
         assert rig.server.orders()[-2:] == ["tracking", "slewtocoordinatesasync"]
 
 
+@pytest.mark.long
 async def test_refusals_have_their_reason() -> None:
     telescope = FakeTelescope(quick_mechanics(Machine(mounting="german", lowest_altitude_deg=0.0)))
     async with rigged(telescope) as rig:

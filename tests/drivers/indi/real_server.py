@@ -18,6 +18,7 @@ from drivers.indi.client import IndiClient
 from drivers.indi.codec import messages
 from drivers.indi.device import IndiDevice
 from drivers.wire.wire_log import WireLog
+from mountnav.errors import DeviceMissing
 
 TELESCOPE = "Telescope Simulator"
 CCD = "CCD Simulator"
@@ -104,7 +105,13 @@ class IndiServer:
     async def set_numbers(self, device: str, name: str, **numbers: float) -> None:
         """Connect a device and set some of its numbers, as another program would."""
         other = self.device(device)
-        await other.bring_up(may_connect=True, needed=(name,))
+        async with asyncio.timeout(60.0):
+            while True:
+                # on a busy machine the server listens long before its driver has introduced itself
+                with contextlib.suppress(DeviceMissing):
+                    await other.bring_up(may_connect=True, needed=(name,))
+                    break
+                await asyncio.sleep(0.1)
         await other.ordered(messages.new_numbers(device, name, numbers), asking=name)
         await other.client.close()
 

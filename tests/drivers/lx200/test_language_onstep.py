@@ -30,6 +30,7 @@ async def test_it_conforms(tcp: bool) -> None:
     assert b":hF#" not in fake.heard
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dialect", ["onstep", "am5"])
 async def test_a_pulse_is_over_when_the_mount_says_so(dialect: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Under load it took a pulse up late, and refused to park: it was "already in motion"."""

@@ -224,6 +224,7 @@ async def test_near_the_pole_a_sync_that_would_twist_the_axes_is_refused() -> No
 # -- stop -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 async def test_a_stop_passes_a_silence_and_ends_a_slew() -> None:
     fake = quick()
     async with mounted(fake) as mount:

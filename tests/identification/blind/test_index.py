@@ -135,6 +135,7 @@ def test_corners_are_named_in_the_order_of_the_code(store, index):
     assert (order == np.arange(4)).all(axis=1).mean() > 0.999
 
 
+@pytest.mark.long
 def test_no_four_stars_are_held_twice_and_all_are_of_one_level(index):
     stars = index.stars(np.arange(len(index)))
     level = index.level(stars)
@@ -270,6 +271,7 @@ def test_it_is_built_once_and_damage_is_mended(store, index, cache):
     assert told
 
 
+@pytest.mark.long
 def test_what_a_killed_builder_left_behind_is_removed(store, index, cache):
     cache.mkdir()
     left = index_path(store).with_name(f"{index_path(store).name}.4711.part")

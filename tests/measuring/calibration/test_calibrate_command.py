@@ -93,6 +93,7 @@ def test_build_tells_what_it_made(folder: Path, built: Done) -> None:
     ]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("built")
 def test_info_for_people_and_programs(folder: Path) -> None:
     done = run("info", folder / "masters")

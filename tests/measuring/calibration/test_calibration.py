@@ -127,6 +127,7 @@ def test_masters_are_as_good_as_their_frames_allow(calibration: Calibration, cam
     assert np.median(flat.pixels()) == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.long
 def test_noise_and_gain_are_measured_and_kept(calibration: Calibration, camera: SyntheticCamera) -> None:
     flat = master(calibration, Kind.FLAT)
     assert flat.gain_e_adu == pytest.approx(camera.gain_e_adu, rel=0.02)
@@ -168,6 +169,7 @@ def test_a_calibrated_frame_is_even_and_as_quiet_as_its_photons(
     assert np.std(((frame.pixels - signal) / limit)[quiet]) < 1.05
 
 
+@pytest.mark.long
 def test_stars_keep_one_flux_all_over_the_frame_and_hot_pixels_are_gone(
     calibration: Calibration, camera: SyntheticCamera, scene: Scene
 ) -> None:
@@ -338,6 +340,7 @@ def test_dark_that_holds_the_bias_serves_its_own_exposure_only(
     assert any("its own exposure" in line for line in done.not_applied)
 
 
+@pytest.mark.long
 def test_several_exposures_and_filters_live_in_one_folder(tmp_path: Path, camera: SyntheticCamera) -> None:
     for i in range(2):
         write(tmp_path / f"b{i}.fits", camera.exposed(0.0, 0.0, i), **bias_cards())
@@ -445,6 +448,7 @@ def test_a_stack_does_not_depend_on_the_order(seed: int, count: int, method: str
     assert one.rejected == other.rejected
 
 
+@pytest.mark.long
 def test_a_build_does_not_depend_on_the_order_of_its_files(taken: Path, tmp_path: Path) -> None:
     files = sorted(taken.glob("b*.fits"))
     build(tmp_path / "one", bias=files)

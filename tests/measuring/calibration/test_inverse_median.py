@@ -217,6 +217,7 @@ def test_light_frames_make_a_flat(tmp_path: Path, camera: SyntheticCamera) -> No
     assert Field(camera, 1).outcome(frame)[2] < 0.04
 
 
+@pytest.mark.long
 def test_light_frames_of_a_mosaic_make_a_flat(tmp_path: Path, camera: SyntheticCamera) -> None:
     cards = {"IMAGETYP": "Light Frame", "EXPTIME": 60.0, "BAYERPAT": "RGGB"}
     for i in range(3):

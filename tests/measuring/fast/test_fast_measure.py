@@ -209,6 +209,7 @@ def test_the_type_and_order_of_the_pixels_do_not_matter(kind: str) -> None:
     assert np.median(distance[whole]) < 0.06
 
 
+@pytest.mark.long
 def test_large_frames_are_looked_at_in_bins_and_odd_sizes_lose_nothing() -> None:
     rng = np.random.default_rng(4)
     x, y = scattered(80, (2303, 2503), 4)
@@ -270,6 +271,7 @@ def test_the_names_are_those_of_the_strange_ones() -> None:
     assert tuple(nothing_like_it()) == STRANGE
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", STRANGE)
 def test_what_is_no_frame_for_a_glance_is_left_to_measure(name: str) -> None:
     assert measure_fast(nothing_like_it()[name]) is None

@@ -65,6 +65,7 @@ def ask(observations):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("derotated", [False, True])
 def test_a_healthy_one_is_healthy(derotated: bool) -> None:
     for seed in range(6):
@@ -72,6 +73,7 @@ def test_a_healthy_one_is_healthy(derotated: bool) -> None:
         assert said.healthy is True, said.words
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hours", [1, -1, 5])
 def test_a_clock_wrong_by_hours_is_named(hours: int) -> None:
     for seed in range(3):

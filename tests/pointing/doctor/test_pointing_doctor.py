@@ -272,6 +272,7 @@ def test_all_is_plain_json() -> None:
     assert record["healthy"] is False
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["aligned", "scope", "eye"])
 def test_healthy_nights_are_healthy(kind: str) -> None:
     """Polar axes up to 1° and cones up to 30′ off, nothing known of them, syncs in between: no alarm."""
@@ -282,6 +283,7 @@ def test_healthy_nights_are_healthy(kind: str) -> None:
         assert not said.findings, (number, said.words)
 
 
+@pytest.mark.long
 def test_any_illness_is_found_from_four_solves() -> None:
     """A small part of benchmarks/pointing_doctor.py, with what a model knows of the mount."""
     generator = np.random.default_rng(77)
@@ -304,6 +306,7 @@ def test_long_polar_errors_stay_ordinary_over_a_night() -> None:
     assert not said.findings, said.words
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["no image angles", "no sides told", "syncs kept on the sky", "a fork"])
 def test_mounts_that_tell_less_are_healthy_too(kind: str) -> None:
     generator = rng(40)

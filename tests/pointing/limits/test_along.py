@@ -91,6 +91,7 @@ def satellite(
 MOUNTINGS: tuple[Mounting, ...] = ("german", "fork", "altaz")
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(
     ha_deg=st.floats(-180.0, 180.0),
@@ -245,6 +246,7 @@ def test_declination() -> None:
     assert 20.0 + 0.01 * after_s == pytest.approx(40.0, abs=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("mounting", "axes", "path"),
     [
@@ -384,6 +386,7 @@ def test_what_begins_within_the_suns_cone_and_leaves_it_is_told() -> None:
     assert far.limit is LimitKind.SUN
 
 
+@pytest.mark.long
 @settings(max_examples=25, deadline=None)
 @given(
     ha_deg=st.floats(-100.0, 100.0),
@@ -411,6 +414,7 @@ def test_what_is_reached_first_is_the_first_limit_of_the_forecast(
     assert found.after_s == pytest.approx(first_s, abs=max(2.0, 0.02 * within_s))
 
 
+@pytest.mark.long
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-80.0, 80.0), st.floats(-10.0, 80.0), st.sampled_from([-0.2, -0.02, 0.05, 0.15]))
 def test_no_place_before_what_is_reached_is_outside(ha_deg: float, dec_deg: float, rate: float) -> None:

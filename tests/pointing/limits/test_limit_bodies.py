@@ -17,6 +17,7 @@ from mountnav.sky.sphere import separation_arcsec
 SITES = (Site(48.93, 22.27, 700.0), Site(-30.24, -70.74, 2700.0), Site(0.0, 0.0), Site(78.2, 15.6, 10.0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("site", SITES)
 @pytest.mark.parametrize("body", ["sun", "moon"])
 def test_sun_and_moon_are_where_astropy_sees_them(site: Site, body: str) -> None:

@@ -107,6 +107,7 @@ def test_no_path_of_an_allowed_way_leaves_the_limits(
         assert inside(*place, mounting, 0.02), (place, t)
 
 
+@pytest.mark.long
 @settings(max_examples=200, deadline=None)
 @given(st.tuples(angles, st.floats(-30.0, 210.0)), st.tuples(angles, st.floats(-30.0, 210.0)))
 def test_what_is_refused_has_a_place_outside(start: tuple[float, float], end: tuple[float, float]) -> None:

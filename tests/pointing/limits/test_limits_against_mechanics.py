@@ -198,6 +198,7 @@ def run(seed: int, machines: int, targets: int) -> tuple[int, int, int, int]:
     return tuple(sum(getattr(one, name) for one in all_of_them) for name in counted)
 
 
+@pytest.mark.long
 def test_the_truth_of_allowed_slews_stays_within_the_limits() -> None:
     slews, detours, _, given_up = run(seed=1, machines=6, targets=5)
     assert slews >= 20

@@ -70,11 +70,13 @@ def test_fresh_points_that_disagree():
         judge(found, fresh=looks(3, 2))
 
 
+@pytest.mark.long
 def test_true_models_pass_the_fresh_check_nearly_always():
     passed = [judge(fit(looks(seed), SIX), fresh=looks(seed + 100, 5)).accepted for seed in range(20)]
     assert sum(passed) >= 19
 
 
+@pytest.mark.long
 def test_a_model_is_made_of_all_points_and_judged_by_each_in_turn(shared):
     made = make(pmfit(shared))
     assert made.judged.accepted

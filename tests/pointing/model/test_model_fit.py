@@ -105,6 +105,7 @@ ALTAZ_TRUTH = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 def test_every_altaz_term_comes_back():
     assert set(ALTAZ) <= set(ALTAZ_TRUTH)
     for seed in range(3):
@@ -157,6 +158,7 @@ def test_one_model_for_both_sides_of_the_pier():
     assert np.sqrt(np.mean(np.sum(off**2, axis=1))) > 500.0
 
 
+@pytest.mark.long
 @settings(max_examples=25, deadline=None)
 @given(
     st.fixed_dictionaries(

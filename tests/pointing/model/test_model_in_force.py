@@ -252,6 +252,7 @@ def test_zero_points_get_better_with_looks_and_worse_with_time():
     assert late.sigma_arcsec > soon + 2.0
 
 
+@pytest.mark.long
 def test_what_it_was_not_made_for_is_refused():
     telescope = Telescope(**TRUTH)
     _, model = made(telescope, 20)

@@ -91,6 +91,7 @@ def test_no_room():
     assert len(small.points) == 12
 
 
+@pytest.mark.long
 @settings(max_examples=20, deadline=None)
 @given(st.integers(4, 40), st.booleans(), st.integers(0, 1000))
 def test_the_way_is_short(n, wraps, seed):

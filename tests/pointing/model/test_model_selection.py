@@ -52,6 +52,7 @@ def test_left_out_with_segments(shared):
             assert np.isnan(by_hat[index]).all()
 
 
+@pytest.mark.long
 def test_spoiled_data_are_no_worse_than_the_core(shared):
     """With 14 unknowns more in 36 points there is less to choose by, but never is it worse than without."""
     found = [fit(spoiled(pmfit(shared), seed)[0]).loo_arcsec for seed in range(6)]
@@ -59,6 +60,7 @@ def test_spoiled_data_are_no_worse_than_the_core(shared):
     assert np.median(found) < 2.6
 
 
+@pytest.mark.long
 def test_true_terms_are_found_and_noise_is_not():
     truth = {"CH": 60.0, "ME": 80.0, "MA": -40.0, "TF": 30.0, "HHSH2": 25.0, "FO": 20.0}
     chosen = Counter()
@@ -70,6 +72,7 @@ def test_true_terms_are_found_and_noise_is_not():
     assert sum(count for name, count in chosen.items() if name not in truth) <= 6
 
 
+@pytest.mark.long
 def test_a_perfect_mount_gets_hardly_any_terms():
     several = [
         len(select(telescope("equatorial", {}, n=40, noise_arcsec=5.0, seed=seed)).terms) for seed in range(8)

@@ -49,6 +49,7 @@ def test_the_table_is_the_jacobian_of_the_rotations(kind, lon, lat):
         assert rigorous == pytest.approx(table, abs=2e-4), name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["equatorial", "altaz"])
 @settings(max_examples=25, deadline=None)
 @given(lon=turns, lat=st.floats(-85.0, 85.0), beyond=st.booleans())

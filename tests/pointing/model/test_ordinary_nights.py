@@ -55,6 +55,7 @@ def test_chosen_terms_are_those_that_were_planted(nights, given, seed):
     assert told.with_arcsec < 0.2 * told.without_arcsec
 
 
+@pytest.mark.long
 def test_one_leave_one_out_everywhere_and_what_is_unknown_is_told(given):
     made = given[GERMAN][1]
     model = model_of(made.fit, made_utc=START)

@@ -85,6 +85,7 @@ pieces = st.sampled_from(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=200)
 @given(st.lists(pieces, max_size=40).map(b"".join), st.lists(st.integers(1, 9), min_size=1, max_size=30))
 def test_whatever_is_put_together_means_the_same_however_it_is_cut(stream: bytes, lengths: list[int]) -> None:
