@@ -15,7 +15,7 @@ _FIELDS = {
     "TonightView.from_utc": "Beginning of the strip, UTC",
     "TonightView.acts": "What was done and what went wrong, in the order of time",
     "SkyAtView.moon_altitude_deg": "Altitude of the Moon, without refraction, degrees",
-    "NightTimesView.sun_rises_utc": "Sunrise at the end of the night, UTC; null where the Sun doesn't rise then",
+    "NightTimesView.sun_rises_utc": "Sunrise at the end of the night, UTC; null where it doesn't rise",
     "HeadlineView.times": "When the night that now belongs to begins and ends",
     "HeadlineView.fwhm_utc": "Mid-exposure of the look that showed this full width at half maximum, UTC",
     "ActView.trouble": "Whether it went wrong: a fault, a refusal, or a command that did not end well",
