@@ -33,6 +33,8 @@ _key = APIKeyHeader(name="X-API-Key", auto_error=False, description="The same ke
 
 LEASE_HEADER = "Mountnav-Lease"
 """The header in which a lease's holder sends its secret."""
+STOPS_GIVEN = "stops_given"
+"""Under this name of a request's state stands how many stops each telescope had been given when it came."""
 THIS_MACHINE = "this machine"
 _PROXIES = ("forwarded", "x-forwarded-for", "x-real-ip", "via")
 _HOW = "send it as `Authorization: Bearer KEY` or `X-API-Key: KEY`; `mountnav key new` makes one"
@@ -166,6 +168,12 @@ class RoleRequired:
         """Return the caller. Raises `Refused` 401, 403."""
         require_role(caller, self.role)
         return caller
+
+
+def stops_before(request: Request) -> Mapping[str, int]:
+    """How many stops each telescope had been given when a request came; empty if nobody noted it."""
+    found: Mapping[str, int] = getattr(request.state, STOPS_GIVEN, {})
+    return found
 
 
 async def require_role_of_route(request: Request, caller: TheCaller) -> Caller:

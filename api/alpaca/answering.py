@@ -54,12 +54,26 @@ def read_parameters(member: Member, given: Mapping[str, str]) -> dict[str, objec
 
 
 async def answer(
-    device: AlpacaTelescope, member: Member, values: Mapping[str, object], caller: Caller, client: Client
+    device: AlpacaTelescope,
+    member: Member,
+    values: Mapping[str, object],
+    caller: Caller,
+    client: Client,
+    *,
+    stops_given: int | None = None,
 ) -> tuple[object, AlpacaError | None]:
-    """What a member answers: its value (`NOTHING` where there is none), and how it was refused."""
+    """What a member answers: its value (`NOTHING` where there is none), and how it was refused.
+
+    Parameters
+    ----------
+    stops_given : int, optional
+        How many stops the telescope had been given when the request came; left out: it comes now.
+    """
     error: AlpacaError
     try:
-        call = Call(caller, client, values, device.dispatcher.stops_given(device.id))
+        if stops_given is None:
+            stops_given = device.dispatcher.stops_given(device.id)
+        call = Call(caller, client, values, stops_given)
         if not member.offline:
             device.require_connected(client)
         if not member.able(device):

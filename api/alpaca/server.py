@@ -19,7 +19,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from api.access.callers import Caller, Face, Role
 from api.access.keys import KeyStore
-from api.access.security import address_of, caller_from_headers, require_role, require_telescope
+from api.access.security import address_of, caller_from_headers, require_role, require_telescope, stops_before
 from api.alpaca.answering import MEMBERS, NAMES, answer, read_parameters
 from api.alpaca.codec import (
     BadParameter,
@@ -209,7 +209,10 @@ class AlpacaServer:
         number = self._transactions.next()
         client = Client(caller.address, unsigned(client_id))
         devices[asked.number].heard(client)
-        value, error = await answer(devices[asked.number], member, values, caller, client)
+        device = devices[asked.number]
+        value, error = await answer(
+            device, member, values, caller, client, stops_given=stops_before(request).get(device.id)
+        )
         return _json(envelope(unsigned(transaction), number, value, error))
 
 

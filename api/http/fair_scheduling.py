@@ -126,14 +126,21 @@ class FairRequests:
         Whether who sends a stop may do so: one of a stranger waits with all others.
     turns : RequestTurns, optional
         Shared by the ports of one loop.
+    arrived : callable, optional
+        Told of each request but stops as it comes, before it waits for its turn.
     """
 
     def __init__(
-        self, app: ASGIApp, may_stop: Callable[[Scope], bool], turns: RequestTurns | None = None
+        self,
+        app: ASGIApp,
+        may_stop: Callable[[Scope], bool],
+        turns: RequestTurns | None = None,
+        arrived: Callable[[Scope], None] = lambda scope: None,
     ) -> None:
         self._app = app
         self._may_stop = may_stop
         self._turns = turns or RequestTurns()
+        self._arrived = arrived
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on when it is its turn."""
@@ -143,5 +150,6 @@ class FairRequests:
             with self._turns.stop():
                 await self._app(scope, receive, send)
         else:
+            self._arrived(scope)
             await self._turns.mine()
             await self._app(scope, receive, send)

@@ -19,7 +19,7 @@ from api.access.callers import Caller, Role
 from api.access.keys import KeyStore, open_keys
 from api.access.log_rates import KnownCallers
 from api.access.rate_limits import RateLimit, TokenBuckets
-from api.access.security import LEASE_HEADER, OwnMachineOnly, address_of, caller_from_headers
+from api.access.security import LEASE_HEADER, STOPS_GIVEN, OwnMachineOnly, address_of, caller_from_headers
 from api.alpaca.server import alpaca_caller
 from api.http.bodies import BodyLimit, WholeBodies
 from api.http.fair_scheduling import FairRequests, ReadingTurns, RequestTurns
@@ -223,7 +223,14 @@ def install(app: FastAPI, settings: Settings) -> None:
         )
     app.add_middleware(HeadAsGet)
     app.add_middleware(ShortTargets)
-    app.add_middleware(FairRequests, may_stop=may_stop, turns=app.state.turns.requests)
+
+    def arrived(scope: Scope) -> None:
+        """Remember which stops were given before it came: what an order waits for may be a stop's turn."""
+        running = getattr(app.state, "service", None)
+        if running is not None:
+            scope.setdefault("state", {})[STOPS_GIVEN] = running.dispatcher.all_stops_given()
+
+    app.add_middleware(FairRequests, may_stop=may_stop, turns=app.state.turns.requests, arrived=arrived)
     app.add_middleware(CountedRequests, metrics=app.state.http_metrics)
     app.add_middleware(BoundedHeads)
     build = app.build_middleware_stack

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 from fastapi import Depends, Header, Query, Request, Response
 
 from api.access.callers import Caller
-from api.access.security import TheCaller
+from api.access.security import TheCaller, stops_before
 from api.orders.job_views import JobView, job_view
 from api.orders.jobs import Job
 from api.orders.vocabulary import Order
@@ -149,11 +149,17 @@ class Ordering:
     telescope_id: str
     key: str | None
     supersede: bool
+    stops_given: int | None
 
     async def take(self, order: Order) -> JobView:
         """Give it to the dispatcher; answer with its job, at once or when that has ended."""
         job = await self.service.dispatcher.order(
-            self.caller, self.telescope_id, order, key=self.key, supersede=self.supersede
+            self.caller,
+            self.telescope_id,
+            order,
+            key=self.key,
+            supersede=self.supersede,
+            stops_given=self.stops_given,
         )
         self.response.headers["Location"] = f"/v1/jobs/{job.id}"
         if await self.patience.wait(job) and self.patience.wait_s > 0:
@@ -162,6 +168,7 @@ class Ordering:
 
 
 async def ordering_of(
+    request: Request,
     service: TheService,
     caller: TheCaller,
     patience: ThePatience,
@@ -171,7 +178,8 @@ async def ordering_of(
     supersede: Supersede = False,
 ) -> Ordering:
     """What a request says besides its body; parameters that no order has are refused before."""
-    return Ordering(service, caller, patience, response, telescope_id, key, supersede)
+    stops_given = stops_before(request).get(telescope_id)
+    return Ordering(service, caller, patience, response, telescope_id, key, supersede, stops_given)
 
 
 TheOrdering = Annotated[Ordering, Depends(ordering_of)]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -312,6 +312,10 @@ class Dispatcher:
         NotFound
         """
         return self._stops_given[self._observatory.telescope(telescope_id).id]
+
+    def all_stops_given(self) -> Mapping[str, int]:
+        """The same of each telescope, as it is now."""
+        return dict(self._stops_given)
 
     def held(self, telescope_id: str) -> HeldAxes:
         """The axes that somebody moves by hand. Raises `NotFound`."""

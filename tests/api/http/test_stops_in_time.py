@@ -10,11 +10,14 @@ from typing import Any
 import httpx
 import pytest
 
+from api.access.callers import Caller, Face, Role
 from api.http.app import create_app
 from api.service import Service
 from mountnav.settings.observatory import Settings
 
 LONGEST_S = 2.0
+OPERATOR = Caller("tests", Role.OPERATE, Face.REST)
+SOUTH = {"target": {"kind": "altaz", "alt_deg": 50.0, "az_deg": 170.0}}
 
 
 @pytest.fixture
@@ -95,3 +98,40 @@ async def test_the_first_stop_waits_for_no_preparation(
         monkeypatch.setattr(inspect, "signature", spied)
         assert (await client.post("/v1/stop")).status_code in (200, 202)
     assert [module for module in asked if module.startswith("api.http.routes")] == []
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "given", "refused"),
+    [
+        ("POST", "/v1/telescopes/east/slew", {"json": SOUTH}, 409),
+        ("PUT", "/api/v1/telescope/0/park", {"data": {"ClientID": "1", "ClientTransactionID": "1"}}, 200),
+    ],
+)
+async def test_what_waited_for_its_turn_while_a_stop_was_given_never_begins(
+    observatory_toml: str, method: str, path: str, given: dict[str, Any], refused: int
+) -> None:
+    app = create_app(Settings.parse(observatory_toml))
+    transport = httpx.ASGITransport(app=app)
+    async with (
+        app.router.lifespan_context(app),
+        httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60) as client,
+    ):
+        service: Service = app.state.service
+        await client.put(
+            "/api/v1/telescope/0/connected",
+            data={"Connected": "True", "ClientID": "1", "ClientTransactionID": "1"},
+        )
+        # a stop is under way, and what comes waits for its turn
+        with app.state.turns.requests.stop():
+            ordering = asyncio.create_task(client.request(method, path, **given))
+            while not app.state.turns.requests._turn.locked():
+                await asyncio.sleep(0)
+            await service.dispatcher.stop(OPERATOR, "east")
+        answer = await ordering
+        assert answer.status_code == refused
+        assert "a stop came first" in answer.text
+        assert service.jobs.all() == []
+        # sent again it is taken
+        again = await client.request(method, path, **given)
+        assert "a stop came first" not in again.text
+        await service.dispatcher.stop(OPERATOR, "east")
