@@ -50,8 +50,9 @@ def dec_of(parts: list[str], at: str) -> tuple[float, float]:
         degrees = plain_number(parts[0], "declination", at)
         digit = _last_digit(parts[0]) * 3600.0
     else:
-        sign = -1.0 if parts[0].strip().startswith("-") else 1.0
-        first = parts[0].strip().lstrip("+-")
+        told = parts[0].strip() if parts else ""
+        sign = -1.0 if told.startswith("-") else 1.0
+        first = told.lstrip("+-")
         degrees = sign * _sexagesimal([first, *parts[1:]], 90.0001, "declination", at)
         digit = _last_digit(parts[-1]) * _below(parts)
     if not -90.0 <= degrees <= 90.0:
