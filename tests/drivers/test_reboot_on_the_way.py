@@ -227,7 +227,7 @@ def test_a_sync_during_which_it_was_switched_off_and_on_proves_nothing(
 def test_nor_does_one_in_any_family(
     protocol: str, dialect: str | None, then: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    skips = tuple(map(float, range(8))) if then == "while it is told" else (0.0, 1.0)
+    skips = tuple(map(float, range(0, 8, 2))) if then == "while it is told" else (0.0, 1.0)
     assert synced(monkeypatch, protocol, dialect, then, (*SHORT_S[::2], 2.0, 4.0, 5.5), skips) == []
 
 
@@ -248,7 +248,7 @@ def test_nor_does_one_in_any_family(
 def test_nor_in_any_family_however_long_it_is_mute(
     protocol: str, dialect: str | None, order: str, then: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mutes_s = MUTES_S[1::3] if then in ("before", "while it is told") else MUTES_S
+    mutes_s = MUTES_S[1::3] if then in ("before", "while it is told") else MUTES_S[::2]
     found, wrong = swept(monkeypatch, protocol, dialect, order, then, mutes_s=mutes_s)
     assert found == []
     if protocol == "lx200" and order == "slew":

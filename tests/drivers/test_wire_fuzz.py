@@ -98,24 +98,25 @@ def test_nothing_wrong_in_3000_exchanges(
 @pytest.mark.first
 @pytest.mark.long
 @pytest.mark.parametrize(("protocol", "dialect"), FAMILIES)
-def test_nothing_wrong_in_30_000_exchanges(
+def test_nothing_wrong_in_20_000_exchanges(
     protocol: str, dialect: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     exchanges, wrong = 0, []
     # several lives, of bad cables and of everything; `benchmarks.contradicting_mounts` lives ten worse ones
-    for seed in range(100, 103):
+    for seed in range(100, 102):
         rate, kinds = (0.05, USUAL_KINDS) if seed % 2 else (0.02, EVERYTHING)
         findings, _ = lived(monkeypatch, protocol, dialect, 10_000, seed, rate, kinds)
         monkeypatch.undo()
         exchanges += findings.exchanges
         wrong += [f"seed {seed}: {what}" for what in findings.wrong]
     assert wrong == []
-    assert exchanges >= 30_000
+    assert exchanges >= 20_000
 
 
 CONTRADICTING = [*FAMILIES, ("lx200", "onstep"), ("lx200", "10micron"), ("lx200", "am5")]
 A_LIFE = 10_000
 """Exchanges of a whole one; `benchmarks.contradicting_mounts` lives ten of each."""
+A_SHORT_LIFE = 5_000
 
 CONTRADICTING_SEED = 203
 
@@ -125,7 +126,7 @@ CONTRADICTING_SEED = 203
     [
         pytest.param("lx200", "onstep", 2000, id="short"),
         *(
-            pytest.param(*one, A_LIFE, marks=pytest.mark.long, id="-".join(filter(None, one)))
+            pytest.param(*one, A_SHORT_LIFE, marks=pytest.mark.long, id="-".join(filter(None, one)))
             for one in CONTRADICTING
         ),
     ],

@@ -100,7 +100,7 @@ def test_lists_and_noise_that_are_no_sky_give_no_answer():
 @pytest.mark.first
 @pytest.mark.long
 @pytest.mark.shared
-def test_forty_hints_that_point_elsewhere(shared):
-    outcomes = list(displaced_hints(listed(shared), 40, 1.0, seed=4))
+def test_twenty_hints_that_point_elsewhere(shared):
+    outcomes = list(displaced_hints(listed(shared), 20, 1.0, seed=4))
     assert not [one for one in outcomes if one.result == "wrong"]
-    assert sum(one.result != "right" for one in outcomes) > 32
+    assert sum(one.result != "right" for one in outcomes) > 15

@@ -47,9 +47,9 @@ def test_a_while_of_everything(tmp_path: Path, hours: float, script: SkyScript, 
 
 @pytest.mark.first
 @pytest.mark.long
-def test_ten_hours(tmp_path: Path) -> None:
-    found = night(10.0, SkyScript.from_toml(SCRIPT), tmp_path / "journal.sqlite")
+def test_four_hours(tmp_path: Path) -> None:
+    found = night(4.0, SkyScript.from_toml(SCRIPT), tmp_path / "journal.sqlite")
     assert found.faults == [], told(found)
     assert growth_mb(found) < 3.0
     assert found.flips > 0
-    assert found.frames > 400
+    assert found.frames > 160

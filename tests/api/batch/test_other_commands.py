@@ -32,14 +32,14 @@ def test_frames_without_any_hint_are_found(command: str, folder: Path, sky_index
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("command", ["solve", "accuracy", "series"])
 @pytest.mark.parametrize(
-    ("kind", "why"),
+    ("command", "kind", "why"),
     [
-        ("endless", "it is a device, not a file"),
-        ("pipe", "it is a pipe, not a file"),
-        ("raw", "the raw file is damaged, cut short or of an unknown camera"),
-        ("cr2", "the raw file is damaged, cut short or of an unknown camera"),
+        ("solve", "endless", "it is a device, not a file"),
+        ("accuracy", "pipe", "it is a pipe, not a file"),
+        ("series", "pipe", "it is a pipe, not a file"),
+        ("solve", "raw", "the raw file is damaged, cut short or of an unknown camera"),
+        ("series", "cr2", "the raw file is damaged, cut short or of an unknown camera"),
     ],
 )
 def test_what_is_no_frame_is_refused_in_one_line(command: str, kind: str, why: str, tmp_path: Path) -> None:

@@ -22,6 +22,12 @@ WIDTH_PX, HEIGHT_PX, SCALE_ARCSEC = 640, 480, 12.0
 HEIGHT_DEG = HEIGHT_PX * SCALE_ARCSEC / 3600.0
 ANGLES_DEG = tuple(7.0 + 45.0 * step for step in range(8))
 PARITIES = (1, -1)
+IN_TURNS = tuple(
+    (angle_deg, parity, "png" if (step + (parity > 0)) % 2 else "fits")
+    for step, angle_deg in enumerate(ANGLES_DEG)
+    for parity in PARITIES
+)
+"""Each orientation in both parities, every other one as a picture."""
 
 
 @cache

@@ -14,10 +14,9 @@ from api.solver_commands.in_process import SolverInProcess
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from tests.api.solver_commands.drawn_frames import (
-    ANGLES_DEG,
     CENTER,
     HEIGHT_DEG,
-    PARITIES,
+    IN_TURNS,
     SCALE_ARCSEC,
     as_fits,
     as_png,
@@ -42,9 +41,7 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["fits", "png"])
-@pytest.mark.parametrize("parity", PARITIES)
-@pytest.mark.parametrize("angle_deg", ANGLES_DEG)
+@pytest.mark.parametrize(("angle_deg", "parity", "kind"), IN_TURNS)
 def test_nina_sees_what_it_sees_by_astap(
     angle_deg: float, parity: int, kind: str, solver: SolverInProcess
 ) -> None:

@@ -44,6 +44,7 @@ from tests.api.solver_commands.drawn_frames import (
     CENTER,
     HEIGHT_DEG,
     HEIGHT_PX,
+    IN_TURNS,
     PARITIES,
     SCALE_ARCSEC,
     WIDTH_PX,
@@ -564,9 +565,7 @@ def _original(name: str, stars: Path, *options: str) -> Mapping[str, str] | None
 
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which("astap_cli") is None, reason="astap_cli is not installed")
-@pytest.mark.parametrize("kind", ["fits", "png"])
-@pytest.mark.parametrize("parity", PARITIES)
-@pytest.mark.parametrize("angle_deg", ANGLES_DEG)
+@pytest.mark.parametrize(("angle_deg", "parity", "kind"), IN_TURNS)
 def test_the_original_says_the_same(
     angle_deg: float, parity: int, kind: str, astap_stars: Path, solver: SolverInProcess
 ) -> None:

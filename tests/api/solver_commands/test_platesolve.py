@@ -15,11 +15,10 @@ from api.solver_commands.platesolve import SOLVED, UNSOLVED, run_platesolve2, ru
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
 from tests.api.solver_commands.drawn_frames import (
-    ANGLES_DEG,
     CENTER,
     HEIGHT_DEG,
     HEIGHT_PX,
-    PARITIES,
+    IN_TURNS,
     SCALE_ARCSEC,
     WIDTH_PX,
     as_fits,
@@ -63,9 +62,7 @@ def _apart_px(one: Seen | tuple[float, float], other: Seen) -> float:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["fits", "png"])
-@pytest.mark.parametrize("parity", PARITIES)
-@pytest.mark.parametrize("angle_deg", ANGLES_DEG)
+@pytest.mark.parametrize(("angle_deg", "parity", "kind"), IN_TURNS)
 def test_programs_see_what_they_see_by_astap(
     angle_deg: float, parity: int, kind: str, solver: SolverInProcess
 ) -> None:

@@ -207,9 +207,9 @@ def test_the_truth_of_allowed_slews_stays_within_the_limits() -> None:
 
 
 @pytest.mark.long
-def test_the_truth_of_thousands_of_allowed_slews_stays_within_the_limits() -> None:
-    slews, detours, refused, given_up = run(seed=2, machines=30, targets=12)
-    assert slews > 300
-    assert detours > 30
+def test_the_truth_of_many_allowed_slews_stays_within_the_limits() -> None:
+    slews, detours, refused, given_up = run(seed=2, machines=12, targets=12)
+    assert slews > 120
+    assert detours > 10
     assert refused < 0.5 * slews
     assert given_up <= 2

@@ -67,7 +67,7 @@ def test_spoiled_observations(shared):
 @pytest.mark.long
 def test_many_spoiled_observations(shared):
     clean = pmfit(shared)
-    for seed in range(1000, 1400):
+    for seed in range(1000, 1150):
         made, _ = spoiled(clean, seed)
         found = fit(made, SIX)
         geometry = dict(zip(found.geometry_terms, found.coefficients_arcsec[2:], strict=True))
