@@ -259,11 +259,11 @@ def stars_wanted(
     -------
     int or None
         Rather too many than too few: each is held to be as far off as a match may be. None in a crowd, where
-        so wide a match says next to nothing.
+        so wide a match says next to nothing, and where no odds are allowed.
     """
     reach_px = match_radius(settings, width_px, height_px)
     by_chance = -math.expm1(-measured * math.pi * reach_px**2 / (width_px * height_px))
-    if by_chance > CROWDED_STROBES:
+    if not 0.0 < by_chance <= CROWDED_STROBES or not min(probability, settings.false_probability_max) > 0.0:
         return None
     missing = math.log(probability / settings.false_probability_max)
     return max(1, math.ceil(missing / -math.log(by_chance)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,8 @@ class Rig:
         await writer.drain()
         await asyncio.sleep(0.05)
         writer.close()
+        with contextlib.suppress(OSError):
+            await writer.wait_closed()
 
     async def at_rest(self) -> None:
         await until(lambda: not self.moving, "at rest")

@@ -130,10 +130,17 @@ async def test_it_is_all_that_navigation_asks_for() -> None:
 async def test_what_it_says_it_cannot_is_no_skill_and_is_refused() -> None:
     telescope = FakeTelescope(quick_mechanics())
     telescope.can = dict.fromkeys(
-        ("canpark", "canunpark", "cansetpark", "canfindhome", "canpulseguide"), False
+        (
+            *("canpark", "canunpark", "cansetpark", "canfindhome", "canpulseguide"),
+            *("cansetrightascensionrate", "cansetdeclinationrate"),
+        ),
+        False,
     )
     telescope.can["cansync"] = False
-    telescope.missing = {"sideofpier", "athome", "utcdate", "destinationsideofpier", "trackingrates"}
+    telescope.missing = {
+        *("sideofpier", "athome", "utcdate", "destinationsideofpier", "trackingrates"),
+        "canmoveaxis",
+    }
     async with rigged(telescope) as rig:
         assert rig.mount.skills == {Skill.TRACK, Skill.SITE, Skill.SET_SITE}
         reading = await rig.mount.reading()
