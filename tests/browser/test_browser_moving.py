@@ -118,7 +118,7 @@ def test_a_line_that_breaks_leaves_nothing_moving(visit: Visit, observatory: Ser
 def test_a_motion_that_is_refused_says_why_and_doesnt_try_on(visit: Visit, observatory: Served) -> None:
     visit.forgiven = ("Failed to load resource",)
     opened(visit, observatory.url)
-    rates = {"ra_arcsec_s": 0.0, "dec_arcsec_s": 1.0, "for_s": 60.0}
+    rates = {"ra_arcsec_s": 0.0, "dec_arcsec_s": 1.0, "for_s": 600.0}
     path = f"{observatory.url}/v1/telescopes/east"
     told = httpx.post(f"{path}/offset-rates?wait=30", json=rates, timeout=60).json()
     assert told["state"] == "succeeded", told
