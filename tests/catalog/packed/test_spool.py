@@ -279,7 +279,7 @@ def test_killed_at_a_step_it_goes_on(tmp_path: Path, finished: Path, calls: int)
 
 @pytest.mark.long
 def test_killed_at_any_step_or_moment_it_goes_on(tmp_path: Path, finished: Path) -> None:
-    for calls in range(1, 60):
+    for calls in range(1, 80, 2):
         folder = tmp_path / str(calls)
         folder.mkdir()
         killed = worker(folder, calls)
@@ -289,7 +289,7 @@ def test_killed_at_any_step_or_moment_it_goes_on(tmp_path: Path, finished: Path)
             break
     assert killed.returncode == 0  # there are no more steps than were tried
     dice = random.Random(5)
-    for number in range(12):
+    for number in range(6):
         folder = tmp_path / f"moment{number}"
         folder.mkdir()
         killed = worker(folder, 0)
