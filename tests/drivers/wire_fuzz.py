@@ -417,7 +417,8 @@ class Rig:
             result = await self.mount.sync(place)
             # a mount that moved on meanwhile was told a place of the past: by us, not by its driver
             stayed = _apart(self.now(), place) < 1.0
-            self.unsure = not stayed or result.outcome is SyncOutcome.IGNORED
+            # one that was taken elsewhere leaves the driver, who alone knows of it, with a place that is off
+            self.unsure = not stayed or not result.outcome.seen
             return result.outcome
         here = self.now()
         if self.contradicts and abs(here.dec_deg) > 75.0:
