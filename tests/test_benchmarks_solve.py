@@ -116,6 +116,7 @@ def test_hints_are_off_by_no_more_than_they_say():
     assert max(off) > 0.9
 
 
+@pytest.mark.long
 def test_a_command_is_measured_with_what_it_starts(tmp_path):
     burn = "import time\nwhile time.process_time() < 0.4: pass"
     inner = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {burn!r}]); print('done')"

@@ -65,6 +65,7 @@ def _is_module_or_name(dotted: str) -> bool:
     return True
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_files_that_a_page_names_are_there(page: Path) -> None:
     if str(page.relative_to(ROOT)).startswith(INVENTED):

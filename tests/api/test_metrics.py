@@ -161,6 +161,7 @@ def _expressions(file: Path) -> list[str]:
     return [target["expr"] for panel in panels for target in panel["targets"]]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("file", [ALERTS, DASHBOARD], ids=lambda file: file.name)
 async def test_what_alerts_and_dashboard_ask_for_is_told(file: Path, client: httpx.AsyncClient) -> None:
     text = (await client.get("/metrics")).text

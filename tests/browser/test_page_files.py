@@ -34,6 +34,7 @@ async def client() -> AsyncIterator[httpx.AsyncClient]:
         yield opened
 
 
+@pytest.mark.long
 async def test_the_page_and_each_of_its_files_are_served_with_type_and_tag(client: httpx.AsyncClient) -> None:
     assert len(SERVED) > 20
     for path in SERVED:

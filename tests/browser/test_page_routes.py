@@ -26,6 +26,7 @@ def ask(observatory: Served) -> Any:
         yield client
 
 
+@pytest.mark.long
 def test_the_limits_are_those_of_the_settings(ask: httpx.Client) -> None:
     told = ask.get("/east/limits").json()
     assert [one["altitude_deg"] for one in told["horizon"]] == [10, 22, 8, 30]
@@ -66,6 +67,7 @@ def test_a_place_that_is_asked_for_is_told_with_its_limit(ask: httpx.Client, obs
     assert ask.get("/east/sky", params={"ra_deg": 10}).json()["asked"] is None
 
 
+@pytest.mark.long
 def test_the_last_frame_and_its_offsets(ask: httpx.Client, observatory: Served) -> None:
     assert ask.get("/slow/last-frame").status_code == 204
     assert ask.get("/slow/last-frame.webp").status_code == 404
@@ -89,6 +91,7 @@ def test_the_last_frame_and_its_offsets(ask: httpx.Client, observatory: Served) 
     assert offsets[-1]["east_arcsec"] == pytest.approx(done["result"]["offset"]["east_arcsec"], abs=3.0)
 
 
+@pytest.mark.long
 def test_a_preview_shows_stars_and_sky_and_is_never_large() -> None:
     noise = np.random.default_rng(5).normal(1000.0, 10.0, (2100, 3100))
     noise[300:306, 100:106] += 4000.0

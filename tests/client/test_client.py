@@ -286,6 +286,7 @@ def test_a_forecast_of_nothing_is_refused(client: Client) -> None:
 # -- what moves and ends -------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_rates_and_a_held_axis_end_by_themselves(client: Client) -> None:
     client.succeeded(client.order("east", orders.tracking(True)), timeout_s=60.0)
     job = client.succeeded(client.offset_rates("east", 0.5, -0.25, for_s=600.0), timeout_s=60.0)
@@ -326,6 +327,7 @@ def test_a_motion_whose_answer_is_lost_is_not_sent_again(
 # -- orders --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_an_order_whose_answer_is_lost_is_one_job(service: Served, proxy: Proxy, client: Client) -> None:
     with Client(proxy.url, timeout_s=60.0) as shaky:
         proxy.losses = 2
@@ -508,6 +510,7 @@ def test_events_of_one_telescope_and_of_a_job_that_is_none(client: Client) -> No
 # -- the same, awaited ---------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 async def test_the_async_client_does_the_same(service: Served, proxy: Proxy) -> None:
     async with AsyncClient(proxy.url, timeout_s=60.0) as client:
         assert (await client.health())["ready"]

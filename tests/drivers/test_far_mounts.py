@@ -89,6 +89,7 @@ async def test_an_alpaca_mount_that_is_far(version: int, way: Callable[[], float
             await mount.close()
 
 
+@pytest.mark.long
 async def test_all_members_are_asked_at_once() -> None:
     """While the answer to one is awaited all seven of a telescope without DeviceState have been asked."""
     telescope = FakeTelescope(quick_mechanics(), 3)

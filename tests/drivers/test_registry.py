@@ -49,6 +49,7 @@ def test_yes_and_no_are_the_same_words_for_every_option(word: str, meant: bool) 
         yes_of({"connect": "maybe"}, "connect", default=True)
 
 
+@pytest.mark.long
 def test_records_are_read_without_what_they_open() -> None:
     code = (
         "import sys; from drivers.registry import fake_protocols, families, read_url\n"

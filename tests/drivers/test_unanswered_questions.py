@@ -206,6 +206,7 @@ def test_a_lost_answer_is_not_a_missing_question(run: Run) -> None:
     assert Skill.CLOCK in rig.mount.skills
 
 
+@pytest.mark.long
 def test_what_is_missing_is_proven_once_and_a_new_link_waits_less_for_it(run: Run) -> None:
     kind = family("lx200", "classic")
 

@@ -41,6 +41,7 @@ def test_a_mount_without_noise_that_stands_still_is_never_touched() -> None:
     assert all(one.none for one in held.corrections)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("told", [True, False])
 def test_a_worm_is_learned_and_fed_forward(told: bool) -> None:
     def worm(t: float) -> tuple[float, float]:

@@ -126,6 +126,7 @@ def made_solution(
     )
 
 
+@pytest.mark.long
 @given(values)
 def test_indicators_are_those_of_the_statistics_module(array: np.ndarray) -> None:
     exact = [Fraction(float(v)) for v in array]
@@ -145,6 +146,7 @@ def test_indicators_of_nothing_and_of_one() -> None:
     assert math.isnan(one.standard_deviation)
 
 
+@pytest.mark.long
 @given(values.map(np.abs), st.floats(0, 99.9))
 def test_the_worst_go_and_no_others(modulus: np.ndarray, percent: float) -> None:
     kept = without_worst(modulus, percent)
@@ -348,6 +350,7 @@ def test_the_table_rejects_by_position_and_by_magnitude_apart() -> None:
     assert five.mag == indicators(np.delete(mag, [20, 30]))
 
 
+@pytest.mark.long
 @given(st.lists(st.integers(0, 8), min_size=1, max_size=5), st.randoms(use_true_random=False))
 def test_frames_taken_together_are_one_set_in_any_order(sizes: list[int], chance) -> None:
     rng = np.random.default_rng(sum(sizes))

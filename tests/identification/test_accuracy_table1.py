@@ -45,6 +45,7 @@ def test_exact_places_invert_the_drawing(parity: int, distortion: float) -> None
     assert back[1] == pytest.approx(y, abs=1e-6)
 
 
+@pytest.mark.long
 def test_parts_add_up_and_are_of_the_right_size(done: list[Reduced]) -> None:
     parts = joined([one.parts for one in done])
     assert len(parts.sigma) > 300

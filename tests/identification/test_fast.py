@@ -58,6 +58,7 @@ def test_a_glance_tells_of_the_night_what_measuring_in_full_tells(shared):
     assert quick.limiting_mag == pytest.approx(full.limiting_mag, abs=0.2)
 
 
+@pytest.mark.long
 def test_the_errors_of_the_precise_centroids_are_honest(shared):
     one = known(shared, "A01")
     pairs = solve(
@@ -91,6 +92,7 @@ def test_the_hypotheses_of_a_glance_count_in_the_full_search(shared):
     assert again.numbers["hypotheses"] >= first.tried - 7
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["noise", "constant", "tiny", "saturated"])
 def test_frames_without_stars_come_out_as_without_a_glance(kind):
     rng = np.random.default_rng(3)

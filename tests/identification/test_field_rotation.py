@@ -172,6 +172,7 @@ def test_a_second_image_that_is_turned_is_found() -> None:
     assert found.ratio == pytest.approx(0.5, rel=0.15)
 
 
+@pytest.mark.long
 def test_strangers_are_no_second_image() -> None:
     # as many stars again that no catalog holds, and as bright
     for seed in range(20, 30):

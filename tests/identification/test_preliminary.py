@@ -72,6 +72,7 @@ def test_small_shifts_are_found_by_the_papers_profile(seed, across, along) -> No
     assert pairing.dx_sigma_px == pytest.approx(plain_x.std(ddof=1) / math.sqrt(plain_x.size), rel=1e-9)
 
 
+@pytest.mark.long
 @some
 @given(st.integers(0, 10**6), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
 def test_exchanging_the_frames_turns_the_sign(seed, across, along) -> None:

@@ -113,6 +113,7 @@ def test_least_squares_would_not_have_survived():
     assert abs(trimmed_similarity(z, w)[1]) < 1e-9
 
 
+@pytest.mark.long
 @given(seed=st.integers(0, 10_000), added=st.integers(1, 12))
 @settings(max_examples=15, deadline=None)
 def test_added_outliers_change_next_to_nothing(seed, added):

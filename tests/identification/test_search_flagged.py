@@ -44,6 +44,7 @@ def test_flagged_stars_are_found_blind(sky_index, where):
     assert got.false_probability < 1e-9
 
 
+@pytest.mark.long
 def test_the_tries_without_the_flagged_ones_count_in_the_odds(sky_index):
     _, measured = flagged_sky("anywhere", np.random.default_rng(5))
     plain = asked(replace(measured, flags=np.zeros_like(measured.flags)), sky_index)

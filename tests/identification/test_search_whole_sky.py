@@ -83,6 +83,7 @@ def test_many_fields_of_each_kind(where, how):
     assert found >= tried - 1
 
 
+@pytest.mark.long
 @given(st.integers(0, 10**6), st.sampled_from((0, 1, 2, 3)), st.booleans())
 @settings(max_examples=8, deadline=None)
 def test_turning_and_mirroring_the_list_turns_and_mirrors_the_solution(seed, quarters, flip):
@@ -223,6 +224,7 @@ def test_a_poor_field_of_seven_stars_and_more_is_found():
     assert found >= 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by", ["caller", "the header"])
 def test_a_scale_that_a_caller_says_narrows_the_blind_search(by: str, sky_index: BlindIndex) -> None:
     one = drawn(PLACES["anywhere"], np.random.default_rng(8))

@@ -41,6 +41,7 @@ def test_damage_that_sqlite_cannot_name_in_utf_8(told: Path) -> None:
         open_journal(told, inline=True)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("column", "value"),
     [("utc", "not an instant"), ("utc", 12.5), ("facts", "{not json"), ("facts", b"\xff\xfe")],

@@ -61,6 +61,7 @@ def test_parquet(reader: JournalReader, tmp_path: Path) -> None:
     assert table.column("solved").to_pylist() == [True] * 3 + [False] + [True] * 3
 
 
+@pytest.mark.long
 def test_fits(reader: JournalReader, tmp_path: Path) -> None:
     assert export(reader, "looks", tmp_path / "out.fits") == COUNT
     with fits.open(tmp_path / "out.fits") as hdus:

@@ -70,6 +70,7 @@ def test_bleeding_stars_keep_their_places_and_their_tails_make_no_stars(sideways
     assert ((found.flags[index] & Flag.BLEED) == 0).all()
 
 
+@pytest.mark.long
 def test_a_round_saturated_star_and_a_spiked_one_do_not_bleed() -> None:
     x, y, electrons = spread_stars(250, 3, 500.0, 3.0)
     image = exposed(

@@ -110,6 +110,7 @@ def test_a_step_between_amplifiers_is_measured(step: float, column: int, sign: f
     assert find_steps(flattened) is None
 
 
+@pytest.mark.long
 def test_slopes_stars_and_bad_columns_are_no_steps() -> None:
     for name in ("flat", "gradient", "vignetting", "amplifier glow", "nebula", "galaxy", "clouds"):
         sky, through = skies()[name]
@@ -134,6 +135,7 @@ def test_overscan_strips_make_no_sources() -> None:
     assert (distance < 0.2).mean() >= 0.98
 
 
+@pytest.mark.long
 def test_nan_borders_lose_no_stars_beside_them() -> None:
     image = exposed(skies()["gradient"][0], stars()).astype(np.float32)
     image[:, :130] = np.nan

@@ -81,6 +81,7 @@ def test_one_source_per_star_in_the_middle_of_its_image(
         assert abs((quality.elongation_deg - angle_deg + 90.0) % 180.0 - 90.0) < 3.0
 
 
+@pytest.mark.long
 def test_hot_pixels_among_trails_are_told_apart() -> None:
     size = (500, 500)
     x, y = scattered(36, size, seed=34, margin=40.0)

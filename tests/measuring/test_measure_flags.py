@@ -97,6 +97,7 @@ def test_a_flag_catches_its_cause_and_nothing_else(
     assert precision >= 0.9
 
 
+@pytest.mark.long
 def test_long_things_are_accused_of_something(judged: tuple[Scene, np.ndarray, np.ndarray]) -> None:
     scene, flags, distance = judged
     long = (scene.cause == "galaxy") & (distance < 6.0)

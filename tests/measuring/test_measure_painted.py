@@ -123,6 +123,7 @@ def test_undersampled_stars_are_not_taken_for_hot_pixels() -> None:
     assert ((found.flags[index] & Flag.NO_PEAK) == 0).mean() > 0.85
 
 
+@pytest.mark.long
 def test_defocused_stars_are_found() -> None:
     x, y = scattered(25, (500, 500), seed=10)
     found = measure(as_frame(painted(x, y, np.full(25, 1e5), fwhm_px=12.0, size=(500, 500))))

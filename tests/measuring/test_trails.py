@@ -157,6 +157,7 @@ def test_a_frame_of_star_trails_has_no_satellites(angle: float) -> None:
     assert not (found.flags & Flag.TRAIL).any()
 
 
+@pytest.mark.long
 def test_spikes_belong_to_their_star() -> None:
     image = sparse().copy()
     rows, columns = np.mgrid[0 : SIZE[0], 0 : SIZE[1]]

@@ -59,6 +59,7 @@ def test_targets_that_physics_allows_are_centered(seed: int, targets: int) -> No
     assert [*outcome.wrong_syncs, *outcome.beyond, *outcome.unclosed] == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_by_the_pole_refraction_does_not_make_a_right_way_a_wrong_one(sign: float) -> None:
     # 15' from the pole refraction alone turns the axis by 3 degrees, past the end that the place says

@@ -683,6 +683,7 @@ def test_one_path_is_looked_at_once_however_often_the_rates_are_renewed() -> Non
     run_following(work)
 
 
+@pytest.mark.long
 def test_orders_to_set_and_end_them_at_random_leave_none() -> None:
     """Whatever order comes at whatever moment: nothing is in force that isn't known."""
     from random import Random

@@ -85,6 +85,7 @@ def test_a_sync_that_was_refused_and_done_begins_a_segment() -> None:
     assert run(work).outcomes() == [("sync", Outcome.REFUSED_BUT_DONE)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("took", ["half", "double", "reverse", "dec-only"])
 def test_a_mount_that_takes_syncs_wrongly_is_centered_by_what_is_seen(took: Any) -> None:
     async def work(rig: VirtualRig) -> tuple[float, float]:
@@ -136,6 +137,7 @@ def test_one_that_is_further_off_than_a_sync_may_be_counts_no_more() -> None:
     assert in_virtual_time(work) < 31.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("takes", ["ignore", "refuse", "half"])
 @pytest.mark.parametrize("known", [False, True])
 def test_a_lost_mount_that_takes_no_syncs_has_a_way_out(takes: Any, known: bool) -> None:

@@ -113,6 +113,7 @@ def test_one_that_keeps_its_side_comes_to_where_it_is_sent(
     assert lived(ways, limits, behavior, STAYS).deepest_deg <= 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("ways", "limits"),
     [
@@ -170,6 +171,7 @@ def test_near_the_meridian_a_short_slew_does_not_lose_sight_of_its_side(behavior
     assert judges[0].deepest_deg <= 0.1
 
 
+@pytest.mark.long
 def test_a_mount_that_changes_is_held_up_by_nothing() -> None:
     machine = replace(STAYS, side_rule="meridian", meridian_limits_deg=(8.0, 8.0))
     ways = [(50.0, 40.0), (-50.0, 40.0), (30.0, 10.0), (-30.0, 60.0)]

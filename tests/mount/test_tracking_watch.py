@@ -214,6 +214,7 @@ def test_a_quiet_night_is_not_disturbed() -> None:
     assert min(b - a for a, b in pairwise(readings)) > 2.0
 
 
+@pytest.mark.long
 def test_a_link_that_is_lost_does_not_end_the_watch() -> None:
     async def work(rig: Rig) -> None:
         await rig.mount.slew(rig.place(60.0, 20.0))
@@ -224,6 +225,7 @@ def test_a_link_that_is_lost_does_not_end_the_watch() -> None:
     assert faults(run(work, limits=Limits(20.0)))
 
 
+@pytest.mark.long
 def test_a_mount_that_has_no_word_for_rest_is_parked(monkeypatch: pytest.MonkeyPatch) -> None:
     # as classic hand controls: a stop ends slews, and tracking goes on
     skills = frozenset({Skill.PARK, Skill.UNPARK})
@@ -256,6 +258,7 @@ def test_a_mount_that_can_not_be_stopped_is_told_of_once_a_minute(monkeypatch: p
     assert "can neither rest nor park" in str(failed[0]["error"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("start_deg", [-40.0, -14.0, -3.0])
 @pytest.mark.parametrize("tells_side", [True, False])
 def test_a_mount_that_stays_where_it_should_have_changed_sides_is_stopped_in_time(

@@ -301,6 +301,7 @@ def test_how_far_apart_is_apart() -> None:
     assert words(clock_off_s=-61.0) == "its clock is 61 s behind ours"
 
 
+@pytest.mark.long
 async def test_an_alpaca_mount_that_keeps_its_place_among_the_stars_is_not_trusted_for_that() -> None:
     async with alpaca.rigged() as rig:
         rig.telescope.site[1] -= 44.5

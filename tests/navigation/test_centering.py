@@ -51,6 +51,7 @@ async def seen(rig: Rig, kind: str) -> None:
             await asyncio.sleep(0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("ha_deg", "dec_deg"), [(-20.0, 30.0), (10.0, 85.0)])
 async def test_a_wrongly_pointing_mount_is_centered(make_rig: MakeRig, ha_deg: float, dec_deg: float) -> None:
     rig = await make_rig()
@@ -87,6 +88,7 @@ async def test_a_target_below_the_horizon_moves_nothing(make_rig: MakeRig) -> No
     assert "slewing" not in rig.kinds()
 
 
+@pytest.mark.long
 async def test_an_offset_beyond_the_cap_is_never_synced(make_rig: MakeRig) -> None:
     rig = await make_rig(policy=replace(POLICY, max_sync_arcsec=120.0))
     with pytest.raises(OffsetTooLarge):
@@ -94,6 +96,7 @@ async def test_an_offset_beyond_the_cap_is_never_synced(make_rig: MakeRig) -> No
     assert "syncing" not in rig.kinds()
 
 
+@pytest.mark.long
 async def test_an_unsolved_frame_moves_and_syncs_nothing(make_rig: MakeRig) -> None:
     rig = await make_rig(policy=replace(POLICY, persistence=Persistence(max_frames=2)))
     expose = rig.navigator.camera.expose
@@ -148,6 +151,7 @@ async def test_time_runs_out_and_the_mount_stands(make_rig: MakeRig) -> None:
             await asyncio.sleep(0.05)
 
 
+@pytest.mark.long
 async def test_a_second_motion_is_refused_not_queued(make_rig: MakeRig) -> None:
     rig = await make_rig()
     first = asyncio.create_task(rig.navigator.center(up_now()))

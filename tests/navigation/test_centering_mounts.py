@@ -206,6 +206,7 @@ def test_false_solutions_move_and_sync_nothing_wrongly() -> None:
         in_virtual_time(work, script=script)
 
 
+@pytest.mark.long
 def test_stale_frames_are_never_used() -> None:
     count = 0
     for seed in range(6):

@@ -270,6 +270,7 @@ def test_a_target_outside_the_limits_is_refused_and_one_that_leaves_them_is_foll
     assert report.events
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", ["stop", "cancel"])
 def test_a_stop_and_a_cancel_end_the_rates(how: str) -> None:
     async def work(rig: VirtualRig) -> tuple[tuple[float, float], list[OffsetRates]]:
@@ -304,6 +305,7 @@ def test_a_stop_and_a_cancel_end_the_rates(how: str) -> None:
     assert ordered[-1].none
 
 
+@pytest.mark.long
 def test_following_ends_with_its_ephemeris() -> None:
     async def work(rig: VirtualRig) -> FollowReport:
         return await rig.navigator.follow(

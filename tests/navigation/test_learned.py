@@ -267,6 +267,7 @@ def test_a_wrong_focal_length_is_only_a_warning() -> None:
     assert hint.radius_deg == 3.0
 
 
+@pytest.mark.long
 @given(st.lists(st.one_of(inliers, outliers), max_size=60))
 def test_it_survives_a_restart(samples: list[CameraSample]) -> None:
     learned = taught(*samples)

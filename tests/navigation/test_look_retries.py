@@ -279,6 +279,7 @@ def test_a_mount_that_still_settles_costs_a_frame_and_one_that_never_does_is_tol
     in_virtual_time(work, wrap=wrap)
 
 
+@pytest.mark.long
 def test_a_recovery_takes_a_third_frame_and_lets_the_mount_track() -> None:
     script = SkyScript(seed=4, false_share=0.25)
 

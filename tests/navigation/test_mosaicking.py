@@ -28,6 +28,7 @@ def panels_round(center: Icrs, across: int = 2, down: int = 2, angle_deg: float 
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("ha_deg", "dec_deg"), [(20.0, 35.0), (30.0, 84.0)])
 def test_each_panel_is_looked_at_for_its_time(ha_deg: float, dec_deg: float) -> None:
     async def work(rig: VirtualRig) -> None:
@@ -139,6 +140,7 @@ def test_clouds_end_it_with_the_panel_to_begin_again_with() -> None:
     in_virtual_time(work, script=SkyScript(clouds=(Cloud(0.0, 1e6, thin=False),)))
 
 
+@pytest.mark.long
 def test_with_a_rotator_each_panel_stands_as_it_must_to_fit() -> None:
     async def work(rig: VirtualRig) -> None:
         # near the pole the panels of one mosaic stand at very different angles

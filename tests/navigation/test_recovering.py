@@ -110,6 +110,7 @@ async def test_a_lost_mount_is_recovered_and_then_centers(make_rig: MakeRig) -> 
         agreement_arcsec(first, replace(second, believed=displaced(first.believed, 0.0, 50.0)), POLICY, 15.0)
 
 
+@pytest.mark.long
 async def test_two_frames_that_disagree_are_never_synced_on(make_rig: MakeRig) -> None:
     def second_frame_wrong(mechanics: Mechanics, catalog: Catalog) -> FindsAnywhere:
         return FindsAnywhere(mechanics, catalog, wrong_by_deg=0.02)
@@ -167,6 +168,7 @@ def test_a_lost_mount_that_takes_its_sync_late_is_waited_for() -> None:
     in_virtual_time(work)
 
 
+@pytest.mark.long
 async def test_a_recovery_searches_everywhere_even_where_looks_must_not(make_rig: MakeRig) -> None:
     made: list[FindsAnywhere] = []
 

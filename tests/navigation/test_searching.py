@@ -91,6 +91,7 @@ def test_steps_are_a_share_of_the_field_and_stay_within_the_radius() -> None:
     in_virtual_time(work)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("bounds", "most"),
     [(SearchBounds(radius_deg=5.0, most_looks=4), 4), (SearchBounds(radius_deg=5.0, most_s=150.0), 20)],

@@ -20,6 +20,7 @@ CONE = replace(ERRORS, ch_arcsec=600.0, np_arcsec=250.0)
 LIMITS = Limits(min_altitude_deg=15.0)
 
 
+@pytest.mark.long
 def test_a_target_is_centered_anew_after_a_flip() -> None:
     async def work(rig: VirtualRig) -> None:
         target = rig.up(-3.0, 30.0)
@@ -102,6 +103,7 @@ def test_limits_that_go_by_a_misreported_side_name_the_setting_that_mends_it() -
     assert in_virtual_time(mended, machine=GERMAN, errors=CONE, limits=limits) < 31.0
 
 
+@pytest.mark.long
 def test_a_correction_between_frames_changes_no_sides() -> None:
     async def work(rig: VirtualRig) -> None:
         target = rig.up(-3.0, 30.0)

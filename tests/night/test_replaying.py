@@ -187,6 +187,7 @@ def test_offsets_play_as_well(tmp_path: Path) -> None:
     assert report.same, shown(report)
 
 
+@pytest.mark.long
 def test_a_lost_line_is_no_difference_but_not_judged(night, tmp_path: Path) -> None:
     """As after a disk that was full for a while: what hangs on it is counted, and never told as the same."""
     texts = night[0].path.read_text().splitlines(keepends=True)

@@ -398,6 +398,7 @@ EVENTS = st.lists(
 )  # fmt: skip
 
 
+@pytest.mark.long
 @given(EVENTS, st.sampled_from(["nothing", "sync", "offset"]))
 def test_whatever_happens(events, by: str) -> None:
     """Never in motion, never twice by one frame, never beyond the caps, never by one frame alone."""

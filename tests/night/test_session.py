@@ -96,6 +96,7 @@ def test_false_solutions_and_satellites_correct_nothing_wrongly() -> None:
     virtually(night)
 
 
+@pytest.mark.long
 def test_cloud_stops_corrections_and_is_told_once() -> None:
     async def night(clock: VirtualClock) -> None:
         script = SkyScript(seed=3, clouds=(Cloud(4.5, 16.5),))

@@ -81,6 +81,7 @@ def test_other_patterns_are_no_mosaic(factors: tuple[float, float, float, float]
     assert is_mosaic(frame, header) == both
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(
     seed=st.integers(0, 2**31),
@@ -99,6 +100,7 @@ def test_no_monochrome_frame_is_taken_for_a_mosaic(
     assert not is_mosaic(frame, {})
 
 
+@pytest.mark.long
 def test_no_real_frame_but_the_mosaics_is_taken_for_one(shared: Path) -> None:
     folder = shared / "data" / "frames"
     known = {"panoptes+POCS/unsolved.fits.gz", "panoptes+POCS/solved.fits.fz", "panoptes+POCS/tiny.fits.gz"}

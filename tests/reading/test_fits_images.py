@@ -248,6 +248,7 @@ VALUES = st.one_of(
 )
 
 
+@pytest.mark.long
 @given(st.dictionaries(KEYS, VALUES, max_size=12))
 def test_cards_are_read_as_astropy_writes_them(cards: dict[str, str | int | float | bool]) -> None:
     header = fits.Header()

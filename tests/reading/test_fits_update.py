@@ -125,6 +125,7 @@ def test_sums_are_those_that_astropy_checks(kind: str) -> None:
             assert hdus[0].verify_datasum() == 1
 
 
+@pytest.mark.long
 @given(st.binary(min_size=1, max_size=200))
 def test_sums_are_right_for_any_data(data: bytes) -> None:
     pixels = np.frombuffer(data, np.uint8).reshape(1, -1)

@@ -143,6 +143,7 @@ def test_places_of_another_equinox_are_precessed_as_astropy_does(
     assert separation_arcsec(hint.center, Icrs(truth.ra.deg, truth.dec.deg)) < 20.0
 
 
+@pytest.mark.long
 @given(
     ra=st.floats(0.1, 359.9),
     dec=st.floats(-85, 85),
@@ -318,6 +319,7 @@ def test_no_header_raises_or_gives_a_hint_out_of_range(cards: Header, comments: 
         assert "None" not in str(told)
 
 
+@pytest.mark.long
 def test_every_hint_of_the_real_frames_is_right_or_absent(shared: Path) -> None:
     folder = shared / "data" / "frames"
     with_center = with_scale = 0

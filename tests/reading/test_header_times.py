@@ -86,6 +86,7 @@ def test_local_time_is_used_only_with_its_offset() -> None:
     )
 
 
+@pytest.mark.long
 @given(
     st.datetimes(datetime(1973, 1, 2), datetime(2026, 12, 31)),
     st.sampled_from(["TT", "TAI", "TDB"]),
@@ -148,6 +149,7 @@ TEXTS = st.one_of(
 ANY = st.one_of(TEXTS, st.floats(), st.integers(), st.booleans(), st.floats(15_000, 100_000))
 
 
+@pytest.mark.long
 @given(st.dictionaries(st.sampled_from(KEYS), ANY), st.dictionaries(st.sampled_from(KEYS), TEXTS))
 def test_no_header_raises_or_gives_an_absurd_time(cards: Header, comments: dict[str, str]) -> None:
     utc, exposure_s = mid_exposure_from_header(cards, comments), exposure_s_from_header(cards, comments)

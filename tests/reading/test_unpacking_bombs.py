@@ -78,6 +78,7 @@ def test_a_bomb_is_refused(pack: Callable[[bytes, int], bytes], start: bytes) ->
         read_frame(packed, name="bomb.fits")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_little_memory")
 @pytest.mark.parametrize("pack", [_pack_bz2, _pack_gzip])
 def test_what_follows_the_image_is_not_unpacked(pack: Callable[[bytes, int], bytes]) -> None:
@@ -190,6 +191,7 @@ def test_honest_tiles_of_every_kind_are_read(kind: str, tile: tuple[int, int]) -
     np.testing.assert_array_equal(read_frame(file.getvalue()).pixels, pixels)
 
 
+@pytest.mark.long
 def test_a_bomb_among_calibration_frames_is_refused(tmp_path: Path) -> None:
     bomb = tmp_path / "dark.fits.bz2"
     bomb.write_bytes(_pack_bz2(_image(17_000, 17_000), 200_000_000))
@@ -219,6 +221,7 @@ def test_a_calibration_frames_tile_that_unpacks_without_end_is_refused(tmp_path:
         open_raw(frame, scratch)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["RICE_1", "GZIP_1", "GZIP_2", "HCOMPRESS_1", "PLIO_1"])
 def test_honest_calibration_frames_of_every_kind_are_read(tmp_path: Path, kind: str) -> None:
     frame, scratch = tmp_path / "dark.fits.fz", tmp_path / "scratch"
@@ -228,6 +231,7 @@ def test_honest_calibration_frames_of_every_kind_are_read(tmp_path: Path, kind: 
     np.testing.assert_array_equal(raw.rows(0, 600), read_frame(frame).pixels)
 
 
+@pytest.mark.long
 def test_warnings_of_pillow_stay_off_stderr(tmp_path: Path) -> None:
     """Tags of a TIFF that are cut short, which pillow warns of."""
     file = io.BytesIO()

@@ -94,6 +94,7 @@ def test_drift_is_true_and_within_its_error(night) -> None:
     assert drift.ra_sigma_arcsec_min < 0.05
 
 
+@pytest.mark.long
 def test_the_satellite_does_not_persist(night) -> None:
     report, _ = night
     usual = np.median([one.persistent for one in report.frames])

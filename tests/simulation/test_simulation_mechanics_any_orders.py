@@ -127,6 +127,7 @@ def test_the_past_never_changes_and_the_future_is_what_comes(machine, course) ->
         assert state(mechanics, utc) == was
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(machines, courses)
 def test_no_axis_jumps_or_is_faster_than_built(machine, course) -> None:
@@ -170,6 +171,7 @@ def test_no_axis_passes_its_limits(course) -> None:
         assert -50.0 - 1e-5 <= mechanics.axis_angle("dec", utc) <= 230.0 + 1e-5
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(
     machines,

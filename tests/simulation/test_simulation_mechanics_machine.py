@@ -169,6 +169,7 @@ def test_a_file_that_is_not_there(tmp_path: Path) -> None:
         MachineFile.from_toml(tmp_path / "none.toml")
 
 
+@pytest.mark.long
 @given(st.lists(st.tuples(st.floats(0, 100), st.floats(0, 50), st.floats(0, 10)), max_size=8))
 def test_a_fast_clock_has_one_time_and_never_runs_back(course) -> None:
     ticks = [1000.0]

@@ -60,6 +60,7 @@ def hinted(optics: SimulatedOptics, center: Icrs = BELIEVED) -> Hint:
     return Hint(center, 0.25, 0.97 * optics.scale_arcsec_px, 1.03 * optics.scale_arcsec_px)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("preset", "exposure_s"), [("prompt-8", 30.0), ("mayaki-azt-3", 30.0)])
 def test_a_narrow_frame_gets_the_most_precise_catalog(sky, shelf, preset, exposure_s):
     optics = PRESETS[preset]
@@ -90,6 +91,7 @@ def test_where_a_store_ends_the_embedded_catalog_goes_on(sky, shelf):
     assert verdict.solution.catalog == "Tycho-2"
 
 
+@pytest.mark.long
 def test_a_frame_found_blind_rests_on_the_better_stars_of_where_it_is(sky, shelf, sky_index):
     settings = SolveSettings(index=sky_index, blind="only")
     found = solve(drawn(sky, WIDE, 5.0), shelf, settings=settings)
@@ -139,6 +141,7 @@ def test_a_catalog_that_is_wrong_gives_way_to_the_next_one(sky, stores, tmp_path
     assert alone.solution is None
 
 
+@pytest.mark.long
 def test_magnitudes_of_one_catalog_positions_of_another(sky, stores):
     optics = PRESETS["prompt-8"]
     shelf = CatalogSet(embedded_catalog(), [stores["gaia"]], magnitudes=stores["usno-b1"])
@@ -343,6 +346,7 @@ class BrokenDeepDown(Counting):
         return super().cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
 
 
+@pytest.mark.long
 def test_damage_that_shows_in_the_search_costs_the_catalog_and_not_the_frame(sky, stores):
     optics = PRESETS["mayaki-azt-3"]
     shelf = CatalogSet(embedded_catalog(), [BrokenDeepDown(stores["gaia"]), stores["ucac4"]])
@@ -443,6 +447,7 @@ def test_what_was_ordered_is_used_or_the_frame_is_not_solved(sky, stores, sky_in
     assert pole.stores[0].name in refused.detail
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hint", [None, "here"])
 def test_an_online_catalog_alone_is_asked_or_the_frame_is_not_solved(sky, stores, sky_index, hint):
     frame = drawn(sky, WIDE, 5.0)

@@ -40,6 +40,7 @@ def test_a_frame_is_found_and_its_times_add_up(frame: Frame) -> None:
     assert not verdict.moved
 
 
+@pytest.mark.long
 def test_fast_and_in_full_the_center_is_the_same(frame: Frame) -> None:
     fast = solve(frame, embedded_catalog(), hint=NEAR)
     full = solve(frame, embedded_catalog(), hint=NEAR, settings=SolveSettings(glance=False))
@@ -50,6 +51,7 @@ def test_fast_and_in_full_the_center_is_the_same(frame: Frame) -> None:
     assert separation_arcsec(fast.solution.center, full.solution.center) < 0.5
 
 
+@pytest.mark.long
 def test_measurements_that_are_given_are_neither_calibrated_nor_made_again(frame: Frame) -> None:
     measurements = measure(frame)
     verdict = solve(frame, embedded_catalog(), hint=NEAR, measurements=measurements)

@@ -98,6 +98,7 @@ def test_a_wrong_order_never_makes_it_wrong(
             assert_true(verdict)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hint", [None, NEAR], ids=["blind", "hinted"])
 def test_upside_down_it_is_the_mirrored_sky(
     stars: StarList, sky_index: BlindIndex, hint: Hint | None

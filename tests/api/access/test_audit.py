@@ -229,6 +229,7 @@ async def test_every_changing_request_leaves_a_row_and_no_question_does(
     assert "role-too-low: the viewer" in listed.stdout
 
 
+@pytest.mark.long
 async def test_the_audit_is_read_a_page_at_a_time(serving: Serve, observatory_toml: str) -> None:
     async with serving(observatory_toml) as client:
         for number in range(5):

@@ -220,6 +220,7 @@ def test_a_slew_a_sync_and_an_abort(telescope: Telescope) -> None:
     assert telescope.Tracking is False
 
 
+@pytest.mark.long
 def test_rates_settling_and_guiding(telescope: Telescope) -> None:
     assert [DriveRates(one) for one in telescope.TrackingRates] == list(DriveRates)
     telescope.TrackingRate = DriveRates.driveLunar

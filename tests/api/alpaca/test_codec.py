@@ -39,11 +39,13 @@ from mountnav.errors import DeviceRefused, LimitKind, OutsideLimits, Refusal
 _NAMES = st.text(st.characters(codec="ascii", categories=["Lu", "Ll"]), min_size=1, max_size=20)
 
 
+@pytest.mark.long
 @given(st.dictionaries(_NAMES, st.text(max_size=30).filter(lambda text: "\ud800" not in text), max_size=8))
 def test_a_form_comes_through_as_it_was_sent(fields: dict[str, str]) -> None:
     assert from_form(urlencode(fields).encode()) == fields
 
 
+@pytest.mark.long
 @given(_NAMES, st.text(st.characters(codec="utf-8"), max_size=20), st.randoms())
 def test_names_in_a_query_count_in_any_case_and_in_a_form_in_one(name: str, value: str, random) -> None:
     other = "".join(random.choice((letter.upper(), letter.lower())) for letter in name)

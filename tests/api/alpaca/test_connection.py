@@ -18,6 +18,7 @@ from mountnav.settings.observatory import Settings
 from tests.api.alpaca.alpaca_observatory import OBSERVATORY, Running, running
 
 
+@pytest.mark.long
 async def test_no_client_disconnects_a_telescope_that_another_one_uses(observatory: Running) -> None:
     one, other, silent = (observatory.probe.as_client(number) for number in (1, 2, 0))
     await one.put("connected", Connected=True)
@@ -192,6 +193,7 @@ def _with_keys(tmp_path: Path) -> str:
     return OBSERVATORY.replace("port = 0", f'port = 0\nkeys_file = "{tmp_path / "keys.json"}"', 1)
 
 
+@pytest.mark.long
 async def test_a_key_comes_by_basic_or_by_header(tmp_path: Path, keys: dict[Role, str]) -> None:
     async with running(_with_keys(tmp_path)) as found:
         path = "/api/v1/telescope/0/tracking"

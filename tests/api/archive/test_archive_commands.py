@@ -50,6 +50,7 @@ def test_every_frame_is_accounted_for(archive: Path, lists: Path) -> None:
     assert {len(str(row["address"])) for row in frames} == {64}
 
 
+@pytest.mark.long
 def test_status_verify_and_report_say_the_same(archive: Path, tmp_path: Path) -> None:
     status = run_here("archive", "status", archive, "--json")
     told = json.loads(status.stdout)

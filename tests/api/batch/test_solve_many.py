@@ -163,6 +163,7 @@ def test_rows_are_added_and_files_of_others_left_alone(folder: Path, tmp_path: P
     assert other.read_text() == "my,own,table\n1,2,3\n"
 
 
+@pytest.mark.long
 def test_headers_are_updated_and_the_pixels_stay(folder: Path, tmp_path: Path) -> None:
     path, results = folder / "a.fits", tmp_path / "r.csv"
     path.chmod(0o640)

@@ -143,6 +143,7 @@ def test_markdown_and_the_table_for_people_hold_the_same_numbers(
         assert "".join((row[1], row[2], *row[3:])).replace(" ", "") in people.replace(" ", "")
 
 
+@pytest.mark.long
 def test_independent_deviations_are_larger_and_all_pairs_are_more(
     frames: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -219,6 +220,7 @@ def strewn(n: int) -> Deviations:
     return Deviations(*rng.normal(0.0, 0.3, (2, n)), mag, x, y, *rng.normal(0.0, 0.3, (2, n)))
 
 
+@pytest.mark.long
 def test_histograms_hold_every_measurement() -> None:
     from api.cli.accuracy_plots import histograms
 

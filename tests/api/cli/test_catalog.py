@@ -261,6 +261,7 @@ def test_the_settings_file_names_folder_and_online_catalogs(
 # list and info
 
 
+@pytest.mark.long
 def test_list_shows_the_damaged_one_with_its_problem(zones: Path, folder: Path) -> None:
     _json("import", "ucac4", zones)
     sound = (folder / "ucac4.mnc").read_bytes()
@@ -285,6 +286,7 @@ def test_list_shows_the_damaged_one_with_its_problem(zones: Path, folder: Path) 
     assert "damaged: " in lines[3]
 
 
+@pytest.mark.long
 def test_info_of_an_import_agrees_with_its_source(zones: Path, folder: Path) -> None:
     _json("import", "ucac4", zones)
     (facts,) = _json("info", "ucac4")
@@ -403,6 +405,7 @@ def test_remove_asks_once(zones: Path, folder: Path, monkeypatch: pytest.MonkeyP
     assert list(folder.iterdir()) == []
 
 
+@pytest.mark.long
 def test_remove_of_what_isnt_there_or_stays(folder: Path) -> None:
     with pytest.raises(NotFound, match="no catalog 'ucac4'"):
         _ask("remove", "ucac4", "--yes")

@@ -94,6 +94,7 @@ camera = {{ kind = "folder", path = "{tmp_path}" }}
     assert "set width_px and height_px" in " ".join(ended.stdout.split())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "text", ["nonsense", WIDE + "[catalogs]\nuse = ['not-there']\n", WIDE.replace("47.0", "470.0")]
 )

@@ -56,6 +56,7 @@ def test_it_tells_where_how_large_and_how_long(
     assert out.err == ""
 
 
+@pytest.mark.long
 def test_force_builds_it_anew(catalog: PackedStore, capsys: pytest.CaptureFixture[str]) -> None:
     index = catalog_import.built_with_progress(catalog)
     index.path.write_bytes(index.path.read_bytes() + b"more")

@@ -84,6 +84,7 @@ def test_listing_asks_no_server(server: StarServer, config: Path) -> None:
     assert server.asked == []
 
 
+@pytest.mark.long
 def test_no_such_online_catalog_and_areas_too_large(config: Path, tmp_path: Path) -> None:
     with pytest.raises(NotFound, match="there are: tycho-live"):
         _ask("fetch", "gaia-live", "--config", config, *AREA)

@@ -69,6 +69,7 @@ def test_what_init_writes_from_flags_is_right(tmp_path: Path) -> None:
     assert checked.returncode == 0, checked.stdout + checked.stderr
 
 
+@pytest.mark.long
 def test_it_writes_over_nothing_and_asks_nobody_without_a_terminal(tmp_path: Path) -> None:
     (tmp_path / "observatory.toml").write_text("precious")
     assert _run("init", *SITE, folder=tmp_path).returncode == 2
@@ -129,6 +130,7 @@ def test_it_asks_on_a_terminal(tmp_path: Path) -> None:
     assert settings.telescope[0].mount.url == "fake+lx200://"
 
 
+@pytest.mark.long
 def test_check_tells_each_thing_that_is_wrong_with_its_fix(tmp_path: Path) -> None:
     assert _run("init", *SITE, "--mount", "lx200+serial:///dev/null", "--camera", "frames",
                 folder=tmp_path).returncode == 0  # fmt: skip

@@ -55,6 +55,7 @@ def test_import_list_show_forget(tmp_path: Path) -> None:
         run("show", "Ceres", *HERE)
 
 
+@pytest.mark.long
 def test_show_for_programs() -> None:
     code, out = run("show", "Mars", *HERE, "--at", "2026-11-26T20:00", "--step-min", "60", "--json")
     rows = [json.loads(line) for line in out.splitlines()]

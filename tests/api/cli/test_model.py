@@ -261,6 +261,7 @@ def test_a_run_that_is_interrupted_goes_on(service, config, tmp_path):
     assert not handler.jobs
 
 
+@pytest.mark.long
 def test_a_run_gives_up(service, config, tmp_path):
     handler, url = service
     handler.troubles = ["cloud"] * 9

@@ -43,6 +43,7 @@ def told(service: str, *words: str) -> tuple[int, dict[str, Any]]:
     return result.exit_code, answer
 
 
+@pytest.mark.long
 def test_status_tells_where_it_points(service: Served) -> None:
     result = run(service.url, "status")
     assert result.exit_code == 0, result.stderr
@@ -111,6 +112,7 @@ def test_what_makes_no_sense_is_code_2_and_orders_nothing(service: Served, words
     assert before == 1
 
 
+@pytest.mark.long
 def test_stop_asks_nothing_before(service: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
     import httpx

@@ -154,6 +154,7 @@ def settings_file(folder: Path, url: str, camera: str = FOLDER) -> Path:
     return file
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("url", "told"), [one for one in WRONG if "\n" not in one[0] and one[0][:4] != "fake"]
 )

@@ -44,6 +44,7 @@ def test_without_a_site_the_way_to_one_is_told(folder: Path) -> None:
         find_page("night")
 
 
+@pytest.mark.long
 def test_the_command_tells_the_file(built: Path) -> None:
     run = CliRunner().invoke(app, ["docs", "lx200"])
     assert (run.exit_code, run.stdout) == (0, (built / "reference/mounts/lx200.html").as_uri() + "\n")

@@ -181,6 +181,7 @@ async def test_bad_bodies_are_told_and_start_nothing(client: httpx.AsyncClient, 
     assert (await client.get("/v1/jobs")).json() == []
 
 
+@pytest.mark.long
 async def test_unknown_things_are_not_found(client: httpx.AsyncClient) -> None:
     for method, path in (
         ("GET", "/v1/telescopes/nowhere"),
@@ -204,6 +205,7 @@ async def test_a_bad_wait_is_told(client: httpx.AsyncClient, wait: str) -> None:
     _slug(answer)
 
 
+@pytest.mark.long
 async def test_an_idempotency_key_never_slews_twice(client: httpx.AsyncClient) -> None:
     target = await _near_zenith(client, -1.0)
     headers = {"Idempotency-Key": "abc"}

@@ -7,6 +7,7 @@ import json
 from typing import Any
 
 import httpx
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -80,6 +81,7 @@ async def test_silence_is_kept_alive_by_comments_and_the_end_ends_it() -> None:
     assert [chunk[:12] async for chunk in closing.body_iterator] == [b": mountnav\n\n", b"event: last\n"]
 
 
+@pytest.mark.long
 @given(st.dictionaries(st.text(max_size=8), st.one_of(st.text(max_size=20), st.floats(), st.none())))
 def test_every_event_is_one_well_formed_message(data: dict[str, Any]) -> None:
     event = Events(5).publish("kind", data)
@@ -112,6 +114,7 @@ def _parsed(text: str) -> list[dict[str, Any]]:
     return found
 
 
+@pytest.mark.long
 async def test_a_jobs_stream_tells_it_to_its_end_and_can_be_resumed(client: httpx.AsyncClient) -> None:
     icrs = (await client.get(EAST)).json()["icrs"]
     place = {"ra_deg": icrs["ra_deg"], "dec_deg": icrs["dec_deg"] - 4.0}

@@ -112,6 +112,7 @@ async def test_a_stop_whose_address_names_its_host_counts(form: bytes) -> None:
     assert heard == ["/v1/stop"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("target", "path", "host"),
     [

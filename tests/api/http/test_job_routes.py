@@ -25,6 +25,7 @@ def _slug(answer: httpx.Response) -> str:
     return str(answer.json()["type"]).removeprefix("urn:mountnav:problem:")
 
 
+@pytest.mark.long
 async def test_a_target_in_any_frame_is_reached_and_told_in_both(client: httpx.AsyncClient) -> None:
     answer = await client.post(JOBS, json={"kind": "slew", "target": SOUTH}, params={"wait": 60})
     assert answer.status_code == 200, answer.text
@@ -58,6 +59,7 @@ async def test_a_target_in_any_frame_is_reached_and_told_in_both(client: httpx.A
         assert (other.status_code, _slug(other)) == (422, "idempotency-key-reused")
 
 
+@pytest.mark.long
 async def test_one_at_a_time_superseding_and_cancelling(client: httpx.AsyncClient) -> None:
     started = await client.post(JOBS, json=LONG)
     assert started.status_code == 202
@@ -127,6 +129,7 @@ BAD_PLACES: list[dict[str, Any]] = [
 ]
 
 
+@pytest.mark.long
 async def test_bad_orders_are_told_and_start_nothing(client: httpx.AsyncClient) -> None:
     for body in BAD_ORDERS:
         answer = await client.post(JOBS, content=body, headers={"content-type": "application/json"})

@@ -38,6 +38,7 @@ def toml(observatory_toml: str, tmp_path: Path) -> str:
     return f'{observatory_toml}\n[journal]\nurl = "{path}"\n'
 
 
+@pytest.mark.long
 async def test_the_journal_is_told_page_by_page(serving: Serve, toml: str) -> None:
     async with serving(toml) as client:
         lines: list[dict[str, object]] = []
@@ -77,6 +78,7 @@ NONSENSE = [
 ]
 
 
+@pytest.mark.long
 async def test_filters_looks_and_questions_that_make_no_sense(serving: Serve, toml: str) -> None:
     async with serving(toml) as client:
         for params, count in FILTERS:
@@ -93,6 +95,7 @@ async def test_filters_looks_and_questions_that_make_no_sense(serving: Serve, to
             assert answer.headers["content-type"] == "application/problem+json"
 
 
+@pytest.mark.long
 async def test_starts_of_the_service(serving: Serve, toml: str) -> None:
     for _ in range(2):
         async with serving(toml) as client:
@@ -102,6 +105,7 @@ async def test_starts_of_the_service(serving: Serve, toml: str) -> None:
     assert runs[0]["settings_sha256"] == runs[1]["settings_sha256"] != runs[2]["settings_sha256"]
 
 
+@pytest.mark.long
 async def test_a_job_and_its_key_outlive_the_service(serving: Serve, toml: str) -> None:
     """A retry after a restart must not slew again."""
     async with serving(toml) as client:

@@ -20,6 +20,7 @@ def test_the_interface_is_as_frozen() -> None:
     assert openapi_text() == frozen, "meant? then run: python -m api.http.openapi"
 
 
+@pytest.mark.long
 def test_operation_ids_are_plain_names_and_differ() -> None:
     paths = json.loads(openapi_text())["paths"]
     names = [operation["operationId"] for path in paths.values() for operation in path.values()]

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
 
 from api.access.callers import Role
 from api.access.keys import KeyStore
@@ -99,6 +100,7 @@ async def test_a_body_of_an_order_is_bounded_as_every_body_without_a_frame(obser
             assert (refused.status_code, _slug(refused)) == (413, "too-large")
 
 
+@pytest.mark.long
 async def test_a_cancelled_job_says_who_ended_it_also_after_a_restart(
     serving: Serve, observatory_toml: str, tmp_path: Path
 ) -> None:

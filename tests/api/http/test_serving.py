@@ -85,6 +85,7 @@ async def _events(lines: AsyncIterator[str], until: str) -> list[dict[str, str]]
     return found
 
 
+@pytest.mark.long
 async def test_the_stream_tells_each_step_and_can_be_resumed(running: Running) -> None:
     async with running.client.stream("GET", "/v1/events") as stream:
         assert stream.headers["content-type"].startswith("text/event-stream")
@@ -125,6 +126,7 @@ class GatedCatalog:
         return self._catalog.cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=mag_limit)
 
 
+@pytest.mark.long
 async def test_stop_and_state_answer_while_a_frame_is_solved(observatory_toml: str) -> None:
     catalog = GatedCatalog()
     async with _running(observatory_toml, catalog) as running:
@@ -155,6 +157,7 @@ async def test_stop_and_state_answer_while_a_frame_is_solved(observatory_toml: s
             catalog.gate.set()
 
 
+@pytest.mark.long
 async def test_stop_while_slewing_leaves_the_mount_at_rest(observatory_toml: str) -> None:
     async with _running(observatory_toml.replace("slew_rate_deg_s = 45.0", "slew_rate_deg_s = 0.5")) as slow:
         icrs = (await slow.client.get(EAST)).json()["icrs"]
@@ -174,6 +177,7 @@ async def test_stop_while_slewing_leaves_the_mount_at_rest(observatory_toml: str
         assert rest["job_id"] is None
 
 
+@pytest.mark.long
 async def test_going_down_stops_the_mount_and_ends_the_streams(observatory_toml: str) -> None:
     async with _running(observatory_toml.replace("slew_rate_deg_s = 45.0", "slew_rate_deg_s = 0.5")) as slow:
         icrs = (await slow.client.get(EAST)).json()["icrs"]
@@ -261,6 +265,7 @@ async def test_a_service_with_a_worker(observatory_toml: str, tmp_path: Path) ->
     assert not Path(f"/proc/{last}").exists()
 
 
+@pytest.mark.long
 async def test_a_blind_search_without_an_index_says_so(observatory_toml: str, tmp_path: Path) -> None:
     content = _drawn(Icrs(85.0, 30.0))
     toml = observatory_toml.replace('blind = "never"', 'blind = "after"')

@@ -16,6 +16,7 @@ from tests.api.http.stop_answers import stopped
 EAST = "/v1/telescopes/east"
 
 
+@pytest.mark.long
 async def test_every_route_refuses_a_parameter_that_it_does_not_know(
     client: httpx.AsyncClient, observatory_toml: str
 ) -> None:

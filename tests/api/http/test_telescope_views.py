@@ -36,6 +36,7 @@ def test_if_none_match_is_read_as_http_has_it(sent: str | None, known: bool) -> 
     assert knows(sent, '"a-1-"') is known
 
 
+@pytest.mark.long
 async def test_a_hundred_questions_ask_the_mount_nothing(
     observatory_toml: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -81,6 +82,7 @@ async def test_a_hundred_questions_ask_the_mount_nothing(
         await asyncio.wait_for(service.jobs.get(started.json()["id"]).ended.wait(), 60)
 
 
+@pytest.mark.long
 async def test_a_reading_that_hits_a_fault_leaves_no_old_state_that_looks_new(
     observatory_toml: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -44,6 +44,7 @@ async def served_fingerprint(port: int, trusted: Path) -> str:
     return hashlib.sha256(found).hexdigest()
 
 
+@pytest.mark.long
 async def test_the_service_speaks_https_with_a_certificate_of_its_own(
     observatory_toml: str, tmp_path: Path
 ) -> None:

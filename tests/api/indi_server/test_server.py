@@ -130,6 +130,7 @@ async def test_a_slew_is_busy_then_ok_and_arrives(rig: Rig) -> None:
         assert len({str(one.values) for one in raw.told(EOD, mark)}) > 3
 
 
+@pytest.mark.long
 async def test_a_sync_of_one_client_is_no_sync_of_another(rig: Rig) -> None:
     service, server = rig
     async with raw_client(server) as ekos, raw_client(server) as other:
@@ -430,6 +431,7 @@ async def test_a_client_that_never_reads_is_let_go_and_others_are_served(rig: Ri
         await raw.asked("TELESCOPE_PARK")
 
 
+@pytest.mark.long
 async def test_tracking_and_two_pulses_at_once(rig: Rig) -> None:
     service, server = rig
     async with raw_client(server) as raw:

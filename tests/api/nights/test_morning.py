@@ -127,6 +127,7 @@ async def test_it_goes_once_and_what_came_of_it_is_told(
     assert await posts(journal, report).due(MORNING + timedelta(hours=1)) == []
 
 
+@pytest.mark.long
 async def test_what_may_pass_is_tried_again_and_what_may_not_is_told(
     journal: SqlJournal, hook: Hook, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,7 @@ from mountnav.journal.records import Entry, EntryKind
 from tests.api.nights.night_site import night_toml, served
 
 
+@pytest.mark.long
 async def test_what_a_night_remembers_is_read_once_more_when_it_could_not_be(tmp_path: Path) -> None:
     folder, record, safety = tmp_path / "frames", tmp_path / "recordings", tmp_path / "safety.txt"
     (folder / "elsewhere").mkdir(parents=True)

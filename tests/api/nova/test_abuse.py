@@ -283,6 +283,7 @@ async def test_a_client_that_leaves_leaves_nothing_behind(nova: Standing) -> Non
             await asyncio.sleep(0.02)
 
 
+@pytest.mark.long
 async def test_all_is_forgotten_after_a_while() -> None:
     async with standing("keep_minutes = 0.01") as nova:
         job = await nova.solved(drawn(), **HINT)
@@ -306,6 +307,7 @@ async def test_going_down_ends_what_is_under_way() -> None:
     assert pixels().any()
 
 
+@pytest.mark.long
 async def test_a_stranger_who_dribbles_takes_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
     """One who never shows a session is let go in the end; the queue is free meanwhile."""
     monkeypatch.setattr("api.nova.app._UNKNOWN_S", 1.0)
@@ -321,6 +323,7 @@ async def test_a_stranger_who_dribbles_takes_no_place(monkeypatch: pytest.Monkey
         writer.close()
 
 
+@pytest.mark.long
 async def test_a_full_queue_is_told_before_the_file_is_read() -> None:
     async with standing("queue = 1") as nova:
         session = await nova.login()

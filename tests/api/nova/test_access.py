@@ -167,6 +167,7 @@ async def test_an_open_port_takes_any_key(tmp_path: Path) -> None:
         assert (await nova.client.get(f"{nova.rest_url}/v1/telescopes")).status_code == 401
 
 
+@pytest.mark.long
 async def test_a_wide_port_needs_a_key_even_if_there_are_none(tmp_path: Path) -> None:
     async with standing('host = "0.0.0.0"') as nova:
         server = nova.service.listeners._open["nova"]

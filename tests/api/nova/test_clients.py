@@ -46,6 +46,7 @@ HEADED = {
 """What N.I.N.A. writes into the headers of its files; the form itself gives no hint."""
 
 
+@pytest.mark.long
 async def test_nina(nova: Standing) -> None:
     """Logs in with a slash at the end, uploads FITS without a hint, asks at once and each second."""
     client, url = nova.client, nova.url
@@ -188,6 +189,7 @@ async def test_stellarsolver_sends_its_table_of_stars(nova: Standing) -> None:
     assert (await nova.get(f"/annotated_display/{job}")).content.startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::astropy.wcs.FITSFixedWarning")  # NAXIS = 0, as in such files
 async def test_astroimagej(nova: Standing) -> None:
     """Sends a text of x and y; waits while jobs are [] or [null]; reads the WCS as cards."""
@@ -329,6 +331,7 @@ async def test_clients_of_ansvr(nova: Standing) -> None:
     assert "scale 3.8475 to 4.2525" in log
 
 
+@pytest.mark.long
 async def test_x_and_y_as_lists(nova: Standing) -> None:
     """By client.py's `--upload-xy`; astroquery sends the same to `url_upload`."""
     x, y = stars()
@@ -345,6 +348,7 @@ async def test_x_and_y_as_lists(nova: Standing) -> None:
     assert "fetches nothing" in fetched["errormessage"]
 
 
+@pytest.mark.long
 async def test_each_route_has_two_forms_and_two_methods(nova: Standing) -> None:
     job = await nova.solved(drawn(), **HINT)
     session = await nova.login()

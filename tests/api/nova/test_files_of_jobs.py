@@ -43,6 +43,7 @@ def center_of(header: fits.Header) -> Icrs:
     return Icrs(float(middle.ra.deg), float(middle.dec.deg))
 
 
+@pytest.mark.long
 async def test_the_tables_of_stars(nova: Standing) -> None:
     job, _ = await calibrated(nova, drawn())
     got = {

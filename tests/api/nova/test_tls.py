@@ -73,6 +73,7 @@ def test_settings_that_contradict_each_other(nova: str) -> None:
         Settings.parse(f"{OBSERVATORY}\n[nova]\nenabled = true\n{nova}")
 
 
+@pytest.mark.long
 async def test_a_client_that_trusts_the_certificate(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """As Ekos' does once the file lies among the system's; the name in the address is checked too."""
     own_certificate(tmp_path, "127.0.0.1")
@@ -92,6 +93,7 @@ async def test_a_client_that_trusts_the_certificate(tmp_path: Path, caplog: pyte
     assert own_certificate(tmp_path, "127.0.0.1")[1] in caplog.text
 
 
+@pytest.mark.long
 async def test_an_operators_own_certificate(tmp_path: Path) -> None:
     made, _ = own_certificate(tmp_path / "other", "127.0.0.1")
     context = ssl.create_default_context(cafile=str(tmp_path / "other" / "nova-tls.crt"))

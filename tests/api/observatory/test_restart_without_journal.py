@@ -198,6 +198,7 @@ async def test_no_order_is_taken_while_the_keys_of_earlier_runs_can_not_be_read_
         assert slewed.json()["state"] == "succeeded", slewed.text
 
 
+@pytest.mark.long
 async def test_keys_of_earlier_runs_are_known_before_an_order_is_taken(
     observatory_toml: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -108,6 +108,7 @@ def test_a_target_is_centered_truly_and_all_of_it_in_virtual_time(observatory: O
         assert instants[1] <= datetime.fromisoformat(look["utc"]) <= instants[3]
 
 
+@pytest.mark.long
 def test_an_exposure_lasts_as_long_as_the_sky_says(observatory: Observatory) -> None:
     began_s = time.monotonic()
     job = observatory.client.post(f"{DEMO}/look", json={"exposure_s": 8.0}).json()

@@ -221,6 +221,7 @@ def test_a_real_observatorys_journal_is_left_alone(tmp_path: Path) -> None:
 # -- the mount's own time ------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mounting", ["german", "fork"])
 async def test_a_mount_slews_and_is_guided_in_virtual_time(mounting: str) -> None:
     settings = demo_service_settings(DemoSettings(at=DARK, speed=20.0), 0, mounting)  # type: ignore[arg-type]
@@ -260,6 +261,7 @@ async def test_a_mount_slews_and_is_guided_in_virtual_time(mounting: str) -> Non
 # -- a night at noon ------------------------------------------------------------
 
 
+@pytest.mark.long
 async def test_a_night_begins_and_ends_by_the_virtual_sun(tmp_path: Path) -> None:
     demo = DemoSettings(at=NOON, speed=20.0)
     settings = demo_service_settings(demo, 0)

@@ -170,6 +170,7 @@ def test_what_is_no_target_is_refused_with_words(
         read(**base | change)
 
 
+@pytest.mark.long
 @given(st.text(max_size=400))
 def test_any_text_is_a_target_or_refused(text: str) -> None:
     for kind, key in (

@@ -291,6 +291,7 @@ def test_what_is_asked_binds(tmp_path: Path, field: Path, arguments: list[str], 
     assert (tmp_path / "field.solved").exists() == solved_within
 
 
+@pytest.mark.long
 def test_a_place_that_is_wrong_is_told_and_the_true_one_found(field: Path) -> None:
     _, out, _ = call("solve-field", "-O", "--ra", "180", "--dec", "-40", "--radius", "2", field)
     assert_found(out)
@@ -319,6 +320,7 @@ def test_half_a_place_is_none_and_numbers_are_read_as_c_reads_them() -> None:
         options_wanted(["--ra", "1e999", "--dec", "0"])
 
 
+@pytest.mark.long
 def test_tan_or_sip_as_asked(tmp_path: Path) -> None:
     drawn = pixels(distortion_px2=2e-8)
     field = fits_field(tmp_path / "field.fits", drawn)
@@ -345,6 +347,7 @@ def test_a_picture_becomes_a_new_fits_file(tmp_path: Path) -> None:
         assert WCS(new[0].header).is_celestial
 
 
+@pytest.mark.long
 def test_a_packed_file_becomes_a_plain_one(tmp_path: Path) -> None:
     import gzip
 
@@ -361,6 +364,7 @@ def stars(solved: Path) -> np.ndarray:
     return np.column_stack([data["X"], data["Y"], data["FLUX"]]).astype(float)
 
 
+@pytest.mark.long
 def test_lists_of_stars_of_all_callers(tmp_path: Path, stars: np.ndarray) -> None:
     siril = list_field(tmp_path / "siril.xyls", stars)
     code, out, err = call(
@@ -406,6 +410,7 @@ def test_a_list_gives_no_new_fits_file_and_its_own_stars(tmp_path: Path, stars: 
     np.testing.assert_allclose(axy["X"][rows], corr["field_x"], atol=1e-3)
 
 
+@pytest.mark.long
 def test_sources_alone(field: Path, tmp_path: Path) -> None:
     assert call("solve-field", "--just-augment", field)[0] == 0
     assert {path.name for path in tmp_path.iterdir()} == {"field.fits", "field.axy"}

@@ -220,6 +220,7 @@ def test_the_short_cuts_change_nothing(side: float) -> None:
     assert found.median == np.median(numbers[:300])
 
 
+@pytest.mark.long
 def test_a_rich_sky_is_not_counted_to_the_end() -> None:
     places, pole, plane = few_places(2000)
     found = counted(embedded_catalog(), FrameSize(8.0, 6.0, 9.5), places, pole, plane, epoch_yr=EPOCH)
@@ -260,6 +261,7 @@ def test_a_wide_field_suffices_and_costs_no_advice() -> None:
     assert found.here[0].plane > found.here[0].median > found.here[0].pole > 40
 
 
+@pytest.mark.long
 def test_a_narrow_field_is_told_which_catalog_and_how() -> None:
     found = diagnose(camera(0.377, 0.377, 17.5), reach_of(-30.169, 15.0), TYCHO2, epoch_yr=EPOCH, fields=600)
     assert found.verdict is Verdict.INSUFFICIENT
@@ -292,6 +294,7 @@ def test_no_smaller_catalog_would_have_sufficed() -> None:
             assert found.fails.mean() >= 0.01, known.name
 
 
+@pytest.mark.long
 def test_a_field_too_small_for_any_catalog_is_told_what_helps() -> None:
     found = diagnose(camera(0.079, 0.079, 15.5), reach_of(49.0, 15.0), TYCHO2, epoch_yr=EPOCH, fields=600)
     assert found.verdict is Verdict.INSUFFICIENT

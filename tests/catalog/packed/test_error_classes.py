@@ -57,6 +57,7 @@ def test_no_sigma_is_badly_understated(curve: np.ndarray) -> None:
     assert np.percentile(ratio, 99) < 1.25
 
 
+@pytest.mark.long
 def test_cells_do_about_as_well_as_all_stars_at_once(curve: np.ndarray) -> None:
     scatter = np.log(ratios(curve, *by_cells(curve, 1))).std()
     assert scatter < 1.3 * np.log(ratios(curve, *classify(curve))).std()

@@ -153,6 +153,7 @@ def test_verify_finds_a_flipped_bit(packed: Path) -> None:
         store.verify()
 
 
+@pytest.mark.long
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(share=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
 def test_no_flipped_bit_escapes_version_2(sound: bytes, tmp_path: Path, share: float, bit: int) -> None:

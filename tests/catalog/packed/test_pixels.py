@@ -81,6 +81,7 @@ def test_no_pixel_of_a_cone_is_missing_and_few_are_too_many(
         assert away.max() <= np.radians(radius_deg) + largest_pixel_radius_rad(nside) * 1.001
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("nside", [1, 2, 16, 64])
 def test_no_pixel_is_larger_than_the_largest(nside: int) -> None:
     numbers = np.arange(12 * nside**2)
@@ -152,6 +153,7 @@ def test_a_piece_of_the_sky_covers_what_it_holds(
     assert not store.covers(Icrs(*center), 180.0)
 
 
+@pytest.mark.long
 def test_a_whole_sky_is_covered_however_few_stars_it_has(tmp_path: Path) -> None:
     for count, nside in ((3000, 64), (300_000, 128)):
         store = filled(

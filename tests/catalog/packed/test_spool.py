@@ -115,6 +115,7 @@ def test_header_tells_what_went_in(finished: Path) -> None:
     PackedStore(finished).verify()
 
 
+@pytest.mark.long
 def test_order_of_parts_chunks_and_memory_change_no_byte(finished: Path, tmp_path: Path) -> None:
     for seed, at_once in ((1, 10_000_000), (2, 500), (3, 60)):
         numbers = random.Random(seed).sample(range(PARTS), PARTS)

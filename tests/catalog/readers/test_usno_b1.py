@@ -265,6 +265,7 @@ def test_an_accelerator_line_has_thirty_bytes() -> None:
     assert {len(line) for line in lines} == {30}
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=150)
 @given(st.integers(0, 25759), st.integers(1, 255))
 def test_a_changed_byte_never_crashes(

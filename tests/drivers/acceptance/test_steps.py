@@ -109,6 +109,7 @@ async def test_a_position_that_does_not_count_is_asked_for_before_anything_moves
     assert b":MS#" not in fake.heard
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "step", "key", "value"),
     [

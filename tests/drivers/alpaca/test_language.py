@@ -416,6 +416,7 @@ async def test_one_that_slews_synchronously_only_is_followed_all_the_same() -> N
 # -- stop ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 async def test_a_stop_passes_a_question_that_hangs() -> None:
     telescope = FakeTelescope(quick_mechanics(slew_rate_deg_s=3.0))
     async with rigged(telescope, "&timeout_s=20&silence_s=30&lost_after_s=60") as rig:

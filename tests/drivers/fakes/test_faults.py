@@ -144,6 +144,7 @@ FAULTS = st.builds(
 )
 
 
+@pytest.mark.long
 @given(st.lists(FAULTS, max_size=4))
 def test_what_is_written_is_read_again(faults: list[Fault]) -> None:
     assert list(parse_faults(faults_as_toml(faults)).faults) == faults

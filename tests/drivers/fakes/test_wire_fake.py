@@ -319,6 +319,7 @@ def test_a_slow_line_takes_its_time_both_ways() -> None:
 KINDS = [kind for kind in ANSWER_KINDS if kind != "deaf"]
 
 
+@pytest.mark.long
 @given(seed=st.integers(0, 2**32), rate=st.sampled_from([0.1, 0.5, 1.0]))
 def test_the_same_seed_strikes_the_same(seed: int, rate: float) -> None:
     def life() -> tuple[list[bytes], list[object]]:
@@ -329,6 +330,7 @@ def test_the_same_seed_strikes_the_same(seed: int, rate: float) -> None:
     assert life() == life()
 
 
+@pytest.mark.long
 @given(seed=st.integers(0, 2**32))
 def test_a_random_run_becomes_a_script_that_goes_the_same(seed: int) -> None:
     def life(rig: Rig) -> list[bytes]:

@@ -165,6 +165,7 @@ async def test_below_the_horizon_is_refused_in_the_mounts_words() -> None:
         assert not fake.mechanics.slewing()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["lose", "cut", "garble", "late"])
 @pytest.mark.parametrize("on", [b":GR", b":GD"])
 async def test_one_bad_answer_never_shows(kind: str, on: bytes) -> None:

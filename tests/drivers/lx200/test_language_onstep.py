@@ -93,6 +93,7 @@ async def test_refused_slews_tell_why_and_change_nothing() -> None:
         assert (await mount.reading()).tracking is True
 
 
+@pytest.mark.long
 async def test_a_parked_one_refuses_until_it_is_unparked() -> None:
     fake = german("onstep")
     async with opened(fake) as mount:

@@ -208,6 +208,7 @@ async def test_an_unaligned_mount_is_not_sent_anywhere() -> None:
     assert not [command for command in fake.heard if command[:1] in b"rRsS"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "on"),
     [
@@ -232,6 +233,7 @@ async def test_one_bad_answer_never_shows(kind: str, on: bytes) -> None:
         assert mount.trusted
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("byte", [0, 4, 8, 9, 17])
 async def test_a_flipped_bit_is_never_published(byte: int) -> None:
     fake = fake_at_zenith()

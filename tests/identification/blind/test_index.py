@@ -145,6 +145,7 @@ def test_no_four_stars_are_held_twice_and_all_are_of_one_level(index):
     assert len(np.unique(rows, axis=0)) == len(index)
 
 
+@pytest.mark.long
 def test_poor_places_have_more_quads_for_a_star(index):
     # in this sky every level of the finest four holds the whole catalog
     assert len(index) > 0.75 * len(building.MORE) * STARS

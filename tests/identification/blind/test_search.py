@@ -106,6 +106,7 @@ def test_many_fields_of_each_kind(sky_index, where, side_deg):
     assert found >= (0.75 if side_deg <= 1.0 else 0.95) * tried
 
 
+@pytest.mark.long
 def test_poor_fields_are_found_by_their_few_stars(sky_index):
     rng = np.random.default_rng(6)
     asked = found = 0
@@ -178,6 +179,7 @@ def test_too_few_measurements_propose_nothing(sky_index):
     assert list(proposals(four, sky_index)) == []
 
 
+@pytest.mark.long
 def test_with_the_scale_known_nothing_else_is_proposed(sky_index):
     rng = np.random.default_rng(11)
     one = a_field(anywhere, 3.0, rng)
@@ -189,6 +191,7 @@ def test_with_the_scale_known_nothing_else_is_proposed(sky_index):
     assert solved(one.measurements, sky_index, scales=far) is None
 
 
+@pytest.mark.long
 def test_with_the_place_known_nothing_else_is_proposed(sky_index):
     rng = np.random.default_rng(12)
     one = a_field(anywhere, 1.75, rng)
@@ -213,6 +216,7 @@ def test_corners_are_stars_of_the_catalog_to_the_last_bit(sky_index):
         assert np.isin(corners.y_px, one.measurements.y_px).all()
 
 
+@pytest.mark.long
 def test_every_place_that_other_stars_were_asked_about_counts(sky_index):
     rng = np.random.default_rng(14)
     junk = listed(rng.uniform(0, 1000, 200), rng.uniform(0, 800, 200), rng.random(200), 1000, 800)

@@ -107,6 +107,7 @@ def test_info_for_people_and_programs(folder: Path) -> None:
     assert dark["unit"] == "ADU/s"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("built")
 def test_apply_writes_calibrated_frames(folder: Path) -> None:
     other = folder / "small.fits"

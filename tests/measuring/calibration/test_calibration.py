@@ -135,6 +135,7 @@ def test_noise_and_gain_are_measured_and_kept(calibration: Calibration, camera: 
     assert calibration.bias_adu == pytest.approx(float(np.median(camera.bias)), abs=1.0)
 
 
+@pytest.mark.long
 def test_bad_pixels_are_those_of_the_chip(calibration: Calibration, camera: SyntheticCamera) -> None:
     flags = master(calibration, Kind.BAD_PIXELS).flags()
     hot, dead = (flags & BadPixel.HOT) > 0, (flags & BadPixel.DEAD) > 0
@@ -636,6 +637,7 @@ class TestRefusals:
         text = self.refused(folder, BadFrame, bias=[folder / "b*"], dark=[folder / "d*"])
         assert "d7.fits: its level is" in text
 
+    @pytest.mark.long
     def test_flats(self, folder: Path, camera: SyntheticCamera) -> None:
         rng = np.random.default_rng(1)
         light = stars(camera, rng.uniform(5, 395, 60), rng.uniform(5, 295, 60), np.full(60, 90000.0), 2.5)
@@ -678,6 +680,7 @@ class TestRefusals:
             build(folder / "m", bias=[folder / "b0.fits"], flat=[folder / "f.fits"])
         assert {path.name: path.read_bytes() for path in (folder / "m").iterdir()} == before
 
+    @pytest.mark.long
     def test_temperatures_and_copies_are_told(self, folder: Path, camera: SyntheticCamera) -> None:
         write(folder / "d7.fits", camera.exposed(0.0, 300.0, 7), **dark_cards(CCD_TEMP=-6.0))
         (folder / "d8.fits").write_bytes((folder / "d0.fits").read_bytes())

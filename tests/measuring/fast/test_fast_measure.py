@@ -191,6 +191,7 @@ def test_neighbors_do_not_pull() -> None:
     assert abs(float(dy.mean())) < 0.008
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["uint8", "int16", "int32", "float32", "float64", ">u2", ">f4", "flipped"])
 def test_the_type_and_order_of_the_pixels_do_not_matter(kind: str) -> None:
     frame, x, y, _ = a_field(fwhm_px=3.0)

@@ -350,6 +350,7 @@ def of(events: tuple[SkyEvent, ...], kind: SkyEventKind) -> list[SkyEvent]:
     return [event for event in events if event.kind is kind]
 
 
+@pytest.mark.long
 def test_a_day_of_a_planet_is_foretold() -> None:
     def jupiter(utc: datetime) -> Icrs:
         return position_of_body("jupiter", utc, SITE)

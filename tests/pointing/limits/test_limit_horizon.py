@@ -79,6 +79,7 @@ def horizons(draw: st.DrawFn) -> Horizon:
     return Horizon(tuple(points))
 
 
+@pytest.mark.long
 @given(horizons(), st.floats(-400.0, 800.0), st.floats(0.0, 200.0))
 def test_the_highest_near_a_direction_is_not_below_any_that_is_so_near(
     horizon: Horizon, az_deg: float, reach_deg: float

@@ -44,6 +44,7 @@ def test_an_old_one_that_is_better_stays():
     assert any("the old model" in reason for reason in told.reasons)
 
 
+@pytest.mark.long
 def test_noise_alone_makes_no_model():
     accepted = [
         judge(

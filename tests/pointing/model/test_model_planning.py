@@ -33,6 +33,7 @@ def above(lowest_deg):
     return lambda az, alt, side: alt >= lowest_deg
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["spiral", "random"])
 @pytest.mark.parametrize("mounting", ["german", "fork", "altaz", None])
 def test_points_lie_in_the_allowed_sky(kind, mounting):

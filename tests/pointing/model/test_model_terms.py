@@ -32,6 +32,7 @@ def moved(kind, coefficients, lon, lat):
     return np.array([np.sum(off * xi), np.sum(off * eta)]) / RAD_PER_ARCSEC
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["equatorial", "altaz"])
 @settings(max_examples=40, deadline=None)
 @given(lon=turns, lat=declinations)

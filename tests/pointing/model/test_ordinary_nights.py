@@ -119,6 +119,7 @@ def test_never_more_than_a_fifth_is_left_out():
     assert found.loo_arcsec > 50.0
 
 
+@pytest.mark.long
 def test_collimation_and_non_perpendicularity_that_overlap_are_told(nights, given):
     made = given[ALTAZ][1]
     value = dict(zip(made.fit.terms, made.fit.sigma_arcsec, strict=True))

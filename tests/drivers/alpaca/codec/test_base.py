@@ -43,6 +43,7 @@ images = st.sampled_from(sorted(CODES)).flatmap(
 )
 
 
+@pytest.mark.long
 @given(images, st.integers(44, 100))
 @settings(max_examples=60, deadline=None)
 def test_image_bytes_have_y_fastest_wherever_the_data_begin(image: np.ndarray[Any, Any], start: int) -> None:
@@ -269,6 +270,7 @@ json_values = st.recursive(
 )
 
 
+@pytest.mark.long
 @given(json_values)
 def test_whatever_a_server_sends_is_a_value_or_malformed(value: object) -> None:
     readers = (

@@ -96,6 +96,7 @@ def test_what_the_real_simulators_say_is_understood() -> None:
     assert changed.raw == CHANGED.strip()
 
 
+@pytest.mark.long
 @given(st.lists(st.integers(0, len(STREAM)), max_size=40))
 def test_it_does_not_matter_where_the_stream_is_cut(cuts: list[int]) -> None:
     assert heard(STREAM, cuts) == heard(STREAM, [])
@@ -146,6 +147,7 @@ names = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), m
 texts = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), max_size=30)
 
 
+@pytest.mark.long
 @given(st.dictionaries(names, texts, min_size=1, max_size=4), names, names, st.booleans())
 def test_a_real_xml_reader_reads_the_same(
     values: dict[str, str], device: str, message: str, declared: bool

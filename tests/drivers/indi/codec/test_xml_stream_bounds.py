@@ -126,6 +126,7 @@ def test_the_work_grows_as_the_bytes_do(name: str, length: int) -> None:
     assert work < 2.6 * half + 2.0 * PART_WORK
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ATTACKS)
 def test_a_part_is_short_whatever_comes(name: str) -> None:
     reader = ElementStream()

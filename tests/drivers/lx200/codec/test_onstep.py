@@ -126,6 +126,7 @@ def test_what_is_no_status_is_refused(reply: bytes) -> None:
         codec.STATUS.read(reply, False)
 
 
+@pytest.mark.long
 @given(statuses(), st.integers(0, 60), st.integers(0, 7))
 def test_a_status_byte_without_its_high_bit_is_refused(status: Status, place: int, bit: int) -> None:
     reply = bytearray(bits(status, "E", 1))
