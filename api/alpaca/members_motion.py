@@ -161,7 +161,8 @@ async def _guide(device: AlpacaTelescope, call: Call) -> None:
     if duration_ms == 0:
         return
     direction = DIRECTIONS[int(call.number("Direction"))]
-    await device.pulses.guide(call.caller, GuideOrder(direction=direction, duration_s=duration_ms / 1000.0))
+    order = GuideOrder(direction=direction, duration_s=duration_ms / 1000.0)
+    await device.pulses.guide(call.caller, order, stops_given=call.stops_given)
 
 
 _GUIDE_RATES = {"GuideRateRightAscension": _guide_rate_ra, "GuideRateDeclination": _guide_rate_dec}
@@ -215,7 +216,12 @@ async def _set_offsets(
     if device.is_slewing:
         raise invalid_operation(f"{name} can't be set while the telescope moves")
     try:
-        await device.offsets.set(call.caller, wanted, lambda: device.was_heard(call.client, _heard_s(device)))
+        await device.offsets.set(
+            call.caller,
+            wanted,
+            lambda: device.was_heard(call.client, _heard_s(device)),
+            stops_given=call.stops_given,
+        )
     except OrderNotTaken as refusal:
         raise error_of(refusal.problem) from None
 
@@ -659,7 +665,13 @@ async def _move_axis(device: AlpacaTelescope, call: Call) -> None:
         if device.motion.under_way:
             raise invalid_operation("a slew is under way: wait for Slewing False, or AbortSlew")
         device.motion.begin_by_hand()
-        await device.axes.move(call.caller, axis, rate_deg_s, lambda: device.why_silent(call.client))
+        await device.axes.move(
+            call.caller,
+            axis,
+            rate_deg_s,
+            lambda: device.why_silent(call.client),
+            stops_given=call.stops_given,
+        )
     except OrderNotTaken as refusal:
         raise error_of(refusal.problem) from None
 

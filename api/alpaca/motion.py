@@ -86,8 +86,13 @@ class Pulses:
         """Whether one runs or waits."""
         return any(not task.done() for task in self._tasks.values())
 
-    async def guide(self, caller: Caller, order: GuideOrder) -> None:
+    async def guide(self, caller: Caller, order: GuideOrder, *, stops_given: int) -> None:
         """Take a pulse; it runs, or waits for the one of the other axis, when this returns.
+
+        Parameters
+        ----------
+        stops_given : int
+            How many stops, of whatever face, had been given when it came: after a further one it isn't begun.
 
         Raises
         ------
@@ -105,11 +110,13 @@ class Pulses:
         before = next((task for task in self._tasks.values() if not task.done()), None)
         if before is not None:
             self._tasks[axis] = begun(
-                self._later(caller, order, before, self._stops), "alpaca guide", died=self._died
+                self._later(caller, order, before, self._stops, stops_given), "alpaca guide", died=self._died
             )
             return
         # a task that waits for the order: a pulse that comes meanwhile finds it
-        ordered = waited_for(self._dispatcher.order(caller, self._telescope_id, order), "alpaca guide")
+        ordered = waited_for(
+            self._dispatcher.order(caller, self._telescope_id, order, stops_given=stops_given), "alpaca guide"
+        )
         self._tasks[axis] = begun(self._follow(ordered, self._stops), "alpaca guide", died=self._died)
         await ordered
 
@@ -139,12 +146,14 @@ class Pulses:
             return  # the one who ordered it learns of it
         await self._end_of(job, stops)
 
-    async def _later(self, caller: Caller, order: GuideOrder, before: asyncio.Task[None], stops: int) -> None:
+    async def _later(
+        self, caller: Caller, order: GuideOrder, before: asyncio.Task[None], stops: int, stops_given: int
+    ) -> None:
         await asyncio.wait({before})
         if self._stops != stops:
             return
         try:
-            job = await self._dispatcher.order(caller, self._telescope_id, order)
+            job = await self._dispatcher.order(caller, self._telescope_id, order, stops_given=stops_given)
         except (MountnavError, Refused) as refusal:
             found = refusal.problem if isinstance(refusal, Refused) else problem_of(refusal)
             self._failure = error_of(found)

@@ -177,7 +177,9 @@ class Dispatcher:
         if stops_given is None:
             stops_given = self.stops_given(telescope_id)
         if isinstance(order, MoveAxisOrder):
-            return await self._move_axis(caller, telescope_id, order, key=key, supersede=supersede)
+            return await self._move_axis(
+                caller, telescope_id, order, key=key, supersede=supersede, stops_given=stops_given
+            )
         devices = True
         request = order.model_dump(exclude_none=True)
         if (target := getattr(order, "target", None)) is not None:
@@ -277,10 +279,7 @@ class Dispatcher:
                     why, device=telescope.id, advice="it is tried again by itself; stops and parks are taken"
                 )
             self._leases.require(caller, telescope.id)
-            if stops_given is not None and stops_given != self._stops_given[telescope.id]:
-                raise Cancelled(
-                    "a stop came first", device=telescope.id, advice="send it again when it is safe"
-                )
+            self._require_unstopped(telescope.id, stops_given)
             job = self._jobs.start(
                 kind,
                 telescope.id,
@@ -322,7 +321,14 @@ class Dispatcher:
         return self._held[self._observatory.telescope(telescope_id).id]
 
     async def _move_axis(
-        self, caller: Caller, telescope_id: str, order: MoveAxisOrder, *, key: str | None, supersede: bool
+        self,
+        caller: Caller,
+        telescope_id: str,
+        order: MoveAxisOrder,
+        *,
+        key: str | None,
+        supersede: bool,
+        stops_given: int,
     ) -> Job:
         """Move an axis on, or go on moving it: a further order of the same caller goes into the same job.
 
@@ -339,6 +345,8 @@ class Dispatcher:
             self._leases.require(caller, telescope_id)
             if order.job_id is not None and (over := self._ended_motion(telescope_id, order)) is not None:
                 return over
+            if order.rate_deg_s != 0.0:  # an end is taken at any time
+                self._require_unstopped(telescope_id, stops_given)
         except (Refused, MountnavError) as refusal:
             self._audit.refused(caller, order.kind, refusal, telescope=telescope_id, request=request)
             raise
@@ -359,6 +367,10 @@ class Dispatcher:
             needs=role_for(order),
             began=work.is_of,
         )
+
+    def _require_unstopped(self, telescope_id: str, stops_given: int | None) -> None:
+        if stops_given is not None and stops_given != self._stops_given[telescope_id]:
+            raise Cancelled("a stop came first", device=telescope_id, advice="send it again when it is safe")
 
     def _ended_motion(self, telescope_id: str, order: MoveAxisOrder) -> Job | None:
         """The job that an order is for, if it has ended and is only told to end; None while it goes on.

@@ -121,12 +121,13 @@ class GotoOrders:
         NotTaken
             Also if it was sent and failed.
         """
+        stops = self._dispatcher.stops_given(self.telescope_id)
         held = self._gotos.get(caller.name)
         if held is not None:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(_COMING_TO_REST_S):
                     await held.ended.wait()
-        return await self.short(caller, SyncToOrder(target=target))
+        return await self._seen(caller, SyncToOrder(target=target), stops)
 
     async def short(self, caller: Caller, order: Order) -> Job:
         """Give an order that is over soon, and see its end.
@@ -136,7 +137,9 @@ class GotoOrders:
         NotTaken
             Also if it failed.
         """
-        stops = self._dispatcher.stops_given(self.telescope_id)
+        return await self._seen(caller, order, self._dispatcher.stops_given(self.telescope_id))
+
+    async def _seen(self, caller: Caller, order: Order, stops: int) -> Job:
         async with self._turn:
             job = await self._begun(caller, order, stops)
             try:

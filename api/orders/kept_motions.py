@@ -113,7 +113,13 @@ class KeptAxes:
         return any(key.caller.name == caller.name for key in self._keys.values())
 
     async def move(
-        self, caller: Caller, axis: MountAxis, rate_deg_s: float, lives: Callable[[], str | None]
+        self,
+        caller: Caller,
+        axis: MountAxis,
+        rate_deg_s: float,
+        lives: Callable[[], str | None],
+        *,
+        stops_given: int | None = None,
     ) -> None:
         """Move an axis on, or change its speed; the mount has taken it when this returns.
 
@@ -121,6 +127,8 @@ class KeptAxes:
         ----------
         lives : callable
             Asked twice a second: why the motion has to end now; None if it may go on.
+        stops_given : int, optional
+            As the dispatcher's `order`.
 
         Raises
         ------
@@ -128,7 +136,7 @@ class KeptAxes:
             It moves no more by this order.
         """
         try:
-            job = await self._ordered(caller, axis, rate_deg_s)
+            job = await self._ordered(caller, axis, rate_deg_s, stops_given=stops_given)
         except NotTaken:
             self._keys.pop(axis, None)
             raise
@@ -183,14 +191,20 @@ class KeptAxes:
         await self.end_all()
 
     async def _ordered(
-        self, caller: Caller, axis: MountAxis, rate_deg_s: float, job: Job | None = None
+        self,
+        caller: Caller,
+        axis: MountAxis,
+        rate_deg_s: float,
+        job: Job | None = None,
+        *,
+        stops_given: int | None = None,
     ) -> Job:
         """Order it; with a job into that one alone, so that what has ended meanwhile doesn't begin again."""
         order = MoveAxisOrder(
             axis=axis, rate_deg_s=rate_deg_s, for_s=_ORDERED_S, job_id=None if job is None else job.id
         )
         try:
-            return await self._dispatcher.order(caller, self._telescope_id, order)
+            return await self._dispatcher.order(caller, self._telescope_id, order, stops_given=stops_given)
         except (Refused, MountnavError) as refusal:
             raise NotTaken(
                 refusal.problem if isinstance(refusal, Refused) else problem_of(refusal)
@@ -264,20 +278,31 @@ class KeptRates:
         """Who ordered those that are kept; None: none are."""
         return self._caller
 
-    async def set(self, caller: Caller, rates: OffsetRates, lives: Callable[[], bool]) -> None:
+    async def set(
+        self,
+        caller: Caller,
+        rates: OffsetRates,
+        lives: Callable[[], bool],
+        *,
+        stops_given: int | None = None,
+    ) -> None:
         """Order them, or as for a star again; the mount has taken them when this returns.
 
         Parameters
         ----------
         lives : callable
             Whether the program was heard since half of `within_s` ago.
+        stops_given : int, optional
+            As the dispatcher's `order`.
 
         Raises
         ------
         NotTaken
         """
+        if stops_given is None:
+            stops_given = self._dispatcher.stops_given(self._telescope_id)
         await self._end_keeping()
-        await self._ordered(caller, rates)
+        await self._ordered(caller, rates, stops_given=None if rates.none else stops_given)
         if not rates.none:
             self._caller, self._rates = caller, rates
             name = f"keeps rates of {self._telescope_id}"
@@ -304,12 +329,12 @@ class KeptRates:
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
 
-    async def _ordered(self, caller: Caller, rates: OffsetRates) -> None:
+    async def _ordered(self, caller: Caller, rates: OffsetRates, *, stops_given: int | None = None) -> None:
         order = OffsetRatesOrder(
             ra_arcsec_s=rates.ra_arcsec_s, dec_arcsec_s=rates.dec_arcsec_s, for_s=self._within_s
         )
         try:
-            job = await self._dispatcher.order(caller, self._telescope_id, order)
+            job = await self._dispatcher.order(caller, self._telescope_id, order, stops_given=stops_given)
         except (Refused, MountnavError) as refusal:
             raise NotTaken(
                 refusal.problem if isinstance(refusal, Refused) else problem_of(refusal)

@@ -235,7 +235,7 @@ def test_a_sample_of_drawn_paths_holds_no_wrong_place() -> None:
         )
         came["refused" if math.isnan(error) else "right"] += 1
     # a solver that refuses all would pass as well
-    assert came["right"] > 0.3 * came.total()
+    assert came["right"] > came["refused"]
     # the stated errors are those that were made: 1 on the mean, if they are honest; twenty frames tell it
     # to 0.3
     assert 0.5 < np.mean(squares) < 2.0, np.sort(squares)[-5:]

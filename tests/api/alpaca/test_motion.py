@@ -331,11 +331,15 @@ async def test_a_pulse_moves_as_far_as_the_guide_rates_say(observatory: Running)
 
 
 @pytest.mark.long
-async def test_an_abort_ends_the_pulse_that_waits(observatory: Running) -> None:
+@pytest.mark.parametrize("by", ["alpaca", "another face"])
+async def test_a_stop_ends_the_pulse_that_waits(observatory: Running, by: str) -> None:
     german = observatory.probe
     await german.put("pulseguide", Direction=0, Duration=3000)
     await german.put("pulseguide", Direction=2, Duration=3000)
-    await german.put("abortslew")
+    if by == "alpaca":
+        await german.put("abortslew")
+    else:
+        await observatory.service.dispatcher.stop(SOMEBODY, "german")
     await german.until("ispulseguiding", False)
     kinds = [job.kind for job in observatory.service.jobs.all()]
     assert kinds.count("guide") == 1

@@ -219,12 +219,17 @@ def test_a_stop_gets_through_a_flood(address: tuple[str, int], data: bytes) -> N
     with _flood(address, data, clients=40):
         time.sleep(1.0)  # the flood is under way
         took_s: list[float] = []
-        # a busy machine may take its time once; a flood that is read before stops takes it each time
-        while len(took_s) < 3 or (min(took_s) >= most_s and len(took_s) < 6):
+        # a busy machine may take its time once, and answer 202 before it knows what came of it; a flood that
+        # is read before stops takes it each time
+        for number in range(6):
             begun_s = time.monotonic()
             with _from(address, "127.0.0.1", STOP) as stop:
                 answer = stop.recv(65_536)
-            took_s.append(time.monotonic() - begun_s)
-            # 202: a mount was slow to tell what came of it, which the flood is no reason of
             assert answer.startswith((b"HTTP/1.1 200", b"HTTP/1.1 202")), answer
+            if answer.startswith(b"HTTP/1.1 200"):
+                took_s.append(time.monotonic() - begun_s)
+            if number >= 2 and took_s and min(took_s) < most_s:
+                break
+        # told to all mounts, and in time
+        assert took_s, "each was answered before it was known what came of it"
         assert min(took_s) < most_s, took_s

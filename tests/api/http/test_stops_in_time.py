@@ -100,11 +100,17 @@ async def test_the_first_stop_waits_for_no_preparation(
     assert [module for module in asked if module.startswith("api.http.routes")] == []
 
 
+def _alpaca(**given: str) -> dict[str, Any]:
+    return {"data": {"ClientID": "1", "ClientTransactionID": "1", **given}}
+
+
 @pytest.mark.parametrize(
     ("method", "path", "given", "refused"),
     [
         ("POST", "/v1/telescopes/east/slew", {"json": SOUTH}, 409),
-        ("PUT", "/api/v1/telescope/0/park", {"data": {"ClientID": "1", "ClientTransactionID": "1"}}, 200),
+        ("POST", "/v1/telescopes/east/move-axis", {"json": {"axis": "primary", "rate_deg_s": 0.5}}, 409),
+        ("PUT", "/api/v1/telescope/0/park", _alpaca(), 200),
+        ("PUT", "/api/v1/telescope/0/pulseguide", _alpaca(Direction="0", Duration="500"), 200),
     ],
 )
 async def test_what_waited_for_its_turn_while_a_stop_was_given_never_begins(

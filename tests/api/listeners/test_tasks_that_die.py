@@ -191,7 +191,11 @@ async def test_an_alpaca_pulse_whose_end_is_lost_is_a_failure(
     await until(lambda: service.jobs.running_on("east") is None, "idle")
     pulses = Pulses(service.dispatcher, "east")
     monkeypatch.setattr(Pulses, "_end_of", died)
-    await pulses.guide(CALLER, GuideOrder.model_validate({"direction": "n", "duration_s": 0.01}))
+    await pulses.guide(
+        CALLER,
+        GuideOrder.model_validate({"direction": "n", "duration_s": 0.01}),
+        stops_given=service.dispatcher.stops_given("east"),
+    )
     await until(lambda: not pulses.running, "over")
     await asyncio.sleep(0)
     assert pulses.failed_before() is not None

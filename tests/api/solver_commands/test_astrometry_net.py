@@ -55,9 +55,11 @@ def center_px(header: fits.Header, truth: Icrs) -> float:
     return separation_arcsec(Icrs(float(ra), float(dec)), truth) / SCALE_ARCSEC_PX
 
 
-# each orientation, both parities and kinds of files in turns: the original takes 5 to 10 s for each
+# each orientation in both parities, every other one as a picture: the original takes 5 to 10 s for each
 COMBINATIONS = [
-    (45.0 * eighth, 1 if eighth % 2 else -1, "png" if eighth % 4 > 1 else "fits") for eighth in range(8)
+    (45.0 * eighth, parity, "png" if (eighth + (parity > 0)) % 2 else "fits")
+    for eighth in range(8)
+    for parity in (1, -1)
 ]
 
 

@@ -91,7 +91,7 @@ def test_a_field_of_any_size_is_found_anywhere_without_a_hint(sky_index, side_de
 def test_many_fields_of_each_kind(sky_index, where, side_deg):
     rng = np.random.default_rng(round(10 * side_deg) + 1)
     found = wrong = tried = 0
-    while tried < 20:
+    while tried < (40 if side_deg <= 1.0 else 20):
         one = a_field(PLACES[where], side_deg, rng)
         if len(one.measurements) - JUNK < 8:
             continue
@@ -103,7 +103,7 @@ def test_many_fields_of_each_kind(sky_index, where, side_deg):
     print(f"{side_deg}°, {where}: {found} of {tried} found, {wrong} wrong")
     assert wrong == 0
     # eight to twenty stars among thirty false sources, in small fields: known gap, docs/explanation/blind.md
-    assert found >= (0.75 if side_deg <= 1.0 else 0.95) * tried
+    assert found >= (0.85 if side_deg <= 1.0 else 0.95) * tried
 
 
 @pytest.mark.long
