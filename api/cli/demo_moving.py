@@ -117,7 +117,7 @@ def made(which: Which, settings: Settings, az_deg: float) -> Moving:
 
 def prepare(client: Client, az_deg: float, console: Console) -> bool:
     """Center a place where the pass will be: there the mount must point well by itself."""
-    console.print("A pass leaves no time for looks: first the place where it will be is centered")
+    console.print("A pass leaves little time for looks: first the place where it will be is centered")
     job = client.wait(client.center(TELESCOPE, target=targets.altaz(_ALTITUDE_DEG, az_deg)))
     for one in job["attempts"]:
         how = one.get("correction") or ""
