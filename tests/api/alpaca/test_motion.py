@@ -340,6 +340,11 @@ async def test_a_stop_ends_the_pulse_that_waits(observatory: Running, by: str) -
         await german.put("abortslew")
     else:
         await observatory.service.dispatcher.stop(SOMEBODY, "german")
+        # who didn't stop it himself is told
+        async with asyncio.timeout(60):
+            while not (told := await german.ask("GET", "ispulseguiding")).number:
+                await asyncio.sleep(0.01)
+        assert told.number == 0x40E
     await german.until("ispulseguiding", False)
     kinds = [job.kind for job in observatory.service.jobs.all()]
     assert kinds.count("guide") == 1
