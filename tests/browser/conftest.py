@@ -15,7 +15,7 @@ from mountnav.sky.coordinates import Icrs
 from tests.browser.watched_service import TOML, Served, Wire, served
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, Page
+    from playwright.sync_api import Browser, BrowserContext, Page, Request
 
 WAIT_MS = 60_000
 KEY = "a key of the tests"
@@ -119,6 +119,20 @@ def locked(observatory: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     digest = hashlib.sha256(KEY.encode()).hexdigest()
     with served(TOML.replace("port = 0", f'port = 0\napi_token_sha256 = "{digest}"')) as one:
         yield one
+
+
+def orders_asked(page: Page) -> list[str]:
+    """The orders that this page asks for from now on, by name, as they come."""
+    asked: list[str] = []
+
+    def heard(request: Request) -> None:
+        name = request.url.rsplit("/", 1)[1]
+        # what a place is going to do is asked by POST too, and orders nothing
+        if request.method == "POST" and name != "forecast":
+            asked.append(name)
+
+    page.on("request", heard)
+    return asked
 
 
 def typed(place: Icrs) -> str:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.browser.conftest import KEY, Visit, choose, expect_text, typed
+from tests.browser.conftest import KEY, Visit, choose, expect_text, orders_asked, typed
 from tests.browser.watched_service import TOML, Served, Wire, served
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page, Request
+    from playwright.sync_api import Page
 
 pytestmark = pytest.mark.long
 
@@ -71,15 +71,7 @@ def test_no_order_comes_behind_a_stop_nor_twice(visit: Visit, observatory: Serve
     visit.forgiven = ("Failed to load resource",)
     page = visit.open(observatory.url)
     choose(page, "slow")
-    sent: list[str] = []
-
-    def heard(request: Request) -> None:
-        name = request.url.rsplit("/", 1)[1]
-        # what a place is going to do is asked by POST, and orders nothing
-        if request.method == "POST" and name != "forecast":
-            sent.append(name)
-
-    page.on("request", heard)
+    sent = orders_asked(page)
     # the order's answer is missing, it would be asked again: the stop comes before
     page.route("**/slow/slew", lambda route: route.abort())
     page.fill("#target", typed(observatory.place_at(50.0, 240.0)))
