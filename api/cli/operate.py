@@ -251,6 +251,14 @@ def status(options: OneOrAll) -> None:
 
 def _state_words(state: TelescopeState) -> list[str]:
     lines = [f"{state['id']}: {_doing(state)}"]
+    on = state.get("on")  # an older service doesn't tell
+    if on is not None:
+        off = (
+            ""
+            if on["error_arcsec"] is None
+            else f", {on['error_arcsec']:.1f}″ off at {_clock(on['error_utc'])}"
+        )
+        lines.append(f"  {'on' if on['arrived'] else 'to'} {on['name'] or 'a target'}{off}")
     place = state["icrs"]
     if place is not None:
         lines.append(f"  RA {place['ra_deg']:.4f}°, Dec {place['dec_deg']:+.4f}° (ICRS){_height(state)}")
@@ -278,7 +286,7 @@ def _doing(state: TelescopeState) -> str:
     if state["slewing"]:
         words.append("moving")
     if state["job_id"]:
-        words.append(f"job {state['job_id']}")
+        words.append(f"{state.get('job_kind') or 'an order'}, job {state['job_id']}")
     return ", ".join(words)
 
 

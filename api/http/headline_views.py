@@ -6,6 +6,7 @@ Each figure carries the instant that it holds for, or is null: a page that shows
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime, time, timedelta
 
 from pydantic import BaseModel, Field
@@ -24,10 +25,12 @@ from mountnav.sky.sphere import separation_arcsec
 __all__ = [
     "HeadlineView",
     "NightTimesView",
+    "OnTarget",
     "coming_night",
     "headline_view",
     "night_times",
     "noon_before",
+    "on_target",
     "target_name",
 ]
 
@@ -118,6 +121,63 @@ def target_name(job: Job) -> str | None:
     return str(name) if name else None
 
 
+@dataclass(frozen=True, slots=True)
+class OnTarget:
+    """What a telescope is on, or goes to.
+
+    Attributes
+    ----------
+    job : Job
+        That brought or brings it there.
+    name : str or None
+        Of the target, else its place as people write it; None: it has neither.
+    arrived : bool
+        Whether it is there.
+    error_arcsec : float or None
+        How far from the target the last look saw it; None once the mount has moved since.
+    error_utc : datetime or None
+        Mid-exposure of that look.
+    """
+
+    job: Job
+    name: str | None
+    arrived: bool
+    error_arcsec: float | None
+    error_utc: datetime | None
+
+
+def on_target(
+    state: TelescopeState, running: Job | None, aimed: Job | None, aim: Icrs | None
+) -> OnTarget | None:
+    """What a telescope is on or goes to, by the orders it had; None: on nothing that was ordered.
+
+    Parameters
+    ----------
+    running : Job or None
+        What holds it.
+    aimed : Job or None
+        The newest one that has a target, running or over.
+    aim : Icrs or None
+        That target, now; without it one that is over counts as left.
+    """
+    if aimed is None:
+        return None
+    here = state.icrs if state.connected else None
+    under_way = aimed is running
+    on_it = here is not None and aim is not None and separation_arcsec(here, aim) <= _ON_TARGET_ARCSEC
+    if not under_way and (not on_it or running is not None):
+        return None
+    error_arcsec, error_utc = _error(aimed, state.reading, under_way)
+    following = aimed.progress.get("phase") == "following"
+    return OnTarget(
+        aimed,
+        target_name(aimed) or _place_words(aim),
+        following if under_way else on_it,
+        error_arcsec,
+        error_utc,
+    )
+
+
 def headline_view(
     mount: CheckedMount,
     state: TelescopeState,
@@ -141,22 +201,18 @@ def headline_view(
         What its frames showed.
     """
     here = state.icrs if state.connected else None
-    under_way = aimed is not None and aimed is running
-    on_it = here is not None and aim is not None and separation_arcsec(here, aim) <= _ON_TARGET_ARCSEC
-    job = aimed if aimed is not None and (under_way or (on_it and running is None)) else None
-    error_arcsec, error_utc = (None, None) if job is None else _error(job, state.reading, under_way)
+    on = on_target(state, running, aimed, aim)
     sky = (
         next((one for one in reversed(frames.seen) if one.fwhm_arcsec is not None), None) if frames else None
     )
     observed = None if here is None else icrs_to_hour_angle(here, utc, mount.site, mount.air)
-    following = job is not None and job.progress.get("phase") == "following"
     return HeadlineView(
-        target=None if job is None else target_name(job) or _place_words(aim),
-        target_job_id=None if job is None else job.id,
-        arrived=None if job is None else on_it if not under_way else following,
-        error_arcsec=error_arcsec,
-        error_utc=error_utc,
-        tolerance_arcsec=_tolerance(job),
+        target=None if on is None else on.name,
+        target_job_id=None if on is None else on.job.id,
+        arrived=None if on is None else on.arrived,
+        error_arcsec=None if on is None else on.error_arcsec,
+        error_utc=None if on is None else on.error_utc,
+        tolerance_arcsec=None if on is None else _tolerance(on.job),
         fwhm_arcsec=None if sky is None else sky.fwhm_arcsec,
         fwhm_utc=None if sky is None else sky.utc,
         meridian_s=None if observed is None else -observed.ha_deg / SIDEREAL_DEG_S,
@@ -204,9 +260,7 @@ def _same(before: MountReading, now: MountReading) -> bool:
     return False
 
 
-def _tolerance(job: Job | None) -> float | None:
-    if job is None:
-        return None
+def _tolerance(job: Job) -> float | None:
     if isinstance(job.result, CenterReport):
         return job.result.tolerance_arcsec
     asked = job.request.get("tolerance_arcsec")

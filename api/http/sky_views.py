@@ -14,7 +14,7 @@ from api.http.headline_views import HeadlineView, headline_view
 from api.observatory.last_frame import LastFrame
 from api.orders.job import Job
 from api.orders.job_views import Finite, Place
-from api.orders.targets import Target, icrs_of
+from api.orders.targets import Target, icrs_of, moves
 from mountnav.clock import utc_now
 from mountnav.errors import MountnavError
 from mountnav.mount import CheckedMount
@@ -32,13 +32,26 @@ from mountnav.sky.chain import (
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Air, Apparent, GeometricHourAngle, HourAngle, Icrs, Site
 from mountnav.sky.sphere import gnomonic, gnomonic_inverse, half_turn_deg
 
-__all__ = ["LimitsView", "SkyView", "aim_of", "headline_target", "limits_view", "sky_view"]
+__all__ = ["LimitsView", "SkyView", "aim_of", "has_target", "headline_target", "limits_view", "sky_view"]
 
 
 _TARGET: TypeAdapter[Target] = TypeAdapter(Target)
 
 
-def aim_of(job: Job, utc: datetime, site: Site, air: Air) -> Icrs | None:
+def has_target(job: Job) -> bool:
+    """Whether a job goes, or went, to a target; the place by which a frame is solved is none."""
+    if job.kind == "solve":
+        return False
+    kept = job.result.get("target") if isinstance(job.result, Mapping) else None
+    said = (job.request.get("target"), kept)
+    return (
+        isinstance(job.result, CenterReport | SlewReport)
+        or any(isinstance(one, Mapping) for one in said)
+        or "ra_deg" in job.request
+    )
+
+
+def aim_of(job: Job, utc: datetime, site: Site, air: Air, *, bodies_too: bool = True) -> Icrs | None:
     """Where a job goes, or went; None if it has no target.
 
     Parameters
@@ -47,7 +60,11 @@ def aim_of(job: Job, utc: datetime, site: Site, air: Air) -> Icrs | None:
         Running or over.
     utc : datetime
         When, for targets that are no fixed places.
+    bodies_too : bool
+        Whether it is computed where a body that moves stands: an orbit takes tens of milliseconds.
     """
+    if not has_target(job):
+        return None
     match job.result:
         case CenterReport() | SlewReport() as report:
             return report.target
@@ -56,7 +73,8 @@ def aim_of(job: Job, utc: datetime, site: Site, air: Air) -> Icrs | None:
     target = job.request.get("target")
     if isinstance(target, Mapping):
         try:
-            return icrs_of(_TARGET.validate_python(dict(target)), utc, site, air)
+            asked = _TARGET.validate_python(dict(target))
+            return icrs_of(asked, utc, site, air) if bodies_too or not moves(asked) else None
         except (ValidationError, MountnavError):
             return None
     return _place(job.request, utc)

@@ -6,12 +6,14 @@ The entity tag names the reading, so that a client that has it already is answer
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from fastapi import Request, Response
 
+from api.http.headline_views import on_target
+from api.http.sky_views import aim_of, has_target
 from api.observatory.observatory import Telescope
 from api.orders.held_axes import HeldAxes
 from api.orders.job import Job
@@ -19,12 +21,14 @@ from api.orders.job_views import (
     AxisMovesView,
     FollowingView,
     NextLimitView,
+    OnTargetView,
     RatesInForceView,
     TelescopeView,
 )
 from api.orders.results import place
 from api.orders.watching import Snapshot
 from api.service import Service
+from mountnav.clock import utc_now
 from mountnav.devices import MountReading
 from mountnav.mount import CheckedMount
 from mountnav.sky.chain import icrs_to_hour_angle, sidereal_time_deg
@@ -39,7 +43,11 @@ Halved, limits in the second half of a night are not shown."""
 
 
 def telescope_view(
-    telescope: Telescope, snapshot: Snapshot, warnings: Sequence[str] = (), held: HeldAxes | None = None
+    telescope: Telescope,
+    snapshot: Snapshot,
+    warnings: Sequence[str] = (),
+    held: HeldAxes | None = None,
+    jobs: Iterable[Job] = (),
 ) -> TelescopeView:
     """View of a telescope as it was read last. Asks no device.
 
@@ -47,6 +55,8 @@ def telescope_view(
     ----------
     held : HeldAxes, optional
         Its axes that somebody moves by hand.
+    jobs : iterable of Job
+        Those of all telescopes, newest first; what it is on is told by them.
     warnings : sequence of str
         Of the service; those of the telescope come before.
     """
@@ -74,6 +84,8 @@ def telescope_view(
         local_sidereal_time_deg=None if reading is None else sidereal_time_deg(reading.utc, mount.site),
         slewing=snapshot.slewing or (None if reading is None else reading.slewing),
         job_id=None if snapshot.job is None else snapshot.job.id,
+        job_kind=None if snapshot.job is None else snapshot.job.kind,
+        on=_on_view(telescope, snapshot, jobs),
         problem=state.problem,
         trusted=state.trusted,
         contradiction=mount.contradiction if state.connected else None,
@@ -93,6 +105,28 @@ def telescope_view(
         learned=navigator.learned.words,
         rates_kept=navigator.rates.words,
         warnings=[*own, *warnings],
+    )
+
+
+def _on_view(telescope: Telescope, snapshot: Snapshot, jobs: Iterable[Job]) -> OnTargetView | None:
+    running, mount = snapshot.job, telescope.navigator.mount
+    if running is not None:
+        aimed = running if has_target(running) else None
+    else:
+        aimed = next((job for job in jobs if job.telescope == telescope.id and has_target(job)), None)
+    if aimed is None:
+        return None
+    # a body that moves has a name; where it stands now takes too long to be asked with every reading
+    aim = aim_of(aimed, utc_now(), mount.site, mount.air, bodies_too=False)
+    on = on_target(snapshot.state, running, aimed, aim)
+    if on is None:
+        return None
+    return OnTargetView(
+        name=on.name,
+        job_id=on.job.id,
+        arrived=on.arrived,
+        error_arcsec=on.error_arcsec,
+        error_utc=on.error_utc,
     )
 
 
@@ -185,7 +219,8 @@ class StateAnswers:
         if kept is None or kept.tag != tag:
             problem = self._service.restored.problem
             held = self._service.dispatcher.held(telescope.id)
-            view = telescope_view(telescope, snapshot, () if problem is None else (problem,), held)
+            warnings = () if problem is None else (problem,)
+            view = telescope_view(telescope, snapshot, warnings, held, self._service.jobs.all())
             kept = self._kept[telescope.id] = Answer(tag, view.model_dump_json().encode())
         return kept
 

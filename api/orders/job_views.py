@@ -347,6 +347,18 @@ class FollowingView(BaseModel):
     words: str = Field(default="", description="What the last look said")
 
 
+class OnTargetView(BaseModel):
+    """What a telescope is on, or goes to, by the orders it had."""
+
+    name: str | None = Field(description="Of the target, else its place as people write it")
+    job_id: str = Field(description="The job that brought or brings it there")
+    arrived: bool = Field(description="Whether it is there; false: it is on its way")
+    error_arcsec: Finite = Field(
+        description="How far from the target the last look saw it; null once the mount has moved since"
+    )
+    error_utc: datetime | None = Field(description="Mid-exposure of that look")
+
+
 class TelescopeView(BaseModel):
     """What is known of a telescope now; null where unknown. Places hold for `read_utc`."""
 
@@ -363,6 +375,10 @@ class TelescopeView(BaseModel):
     local_sidereal_time_deg: Finite = Field(default=None, description="Apparent, 0 to 360")
     slewing: bool | None = Field(description="As the mount says, or because a slew was ordered")
     job_id: str | None = Field(description="The job that holds it")
+    job_kind: str | None = Field(default=None, description="What that job does; null: none holds it")
+    on: OnTargetView | None = Field(
+        default=None, description="What it is on, or goes to; null: on nothing that was ordered"
+    )
     problem: str | None = Field(description="What is wrong, in words")
     trusted: bool | None = Field(
         default=None, description="Whether the mount's position counts; if not, it refuses to slew"

@@ -138,6 +138,16 @@ class Forecast(TypedDict):
     events: list[SkyEvent]
 
 
+class OnTarget(TypedDict):
+    """What a telescope is on, or goes to; `error_arcsec` is None once the mount has moved since the look."""
+
+    name: str | None
+    job_id: str
+    arrived: bool
+    error_arcsec: float | None
+    error_utc: str | None
+
+
 class TelescopeState(TypedDict):
     """What is known of a telescope now; None where unknown."""
 
@@ -154,6 +164,8 @@ class TelescopeState(TypedDict):
     local_sidereal_time_deg: float | None
     slewing: bool | None
     job_id: str | None
+    job_kind: str | None
+    on: OnTarget | None
     problem: str | None
     trusted: bool | None
     contradiction: str | None

@@ -307,6 +307,22 @@ def test_the_wall_shows_all_and_trouble_is_told_if_wanted(
         for one in re.findall(r"[\d.]+", (page.text_content(".tile[data-id=east] .place") or "").split()[1])
     )
     assert d + m / 60 + s / 3600 == pytest.approx(abs(east["icrs"]["dec_deg"]), abs=0.02)
+    # what each is on, in the words of the headline
+    on = east["on"]
+    if on is None:
+        expect_text(page, ".tile[data-id=east] .on", "no target")
+    else:
+        expect_text(page, ".tile[data-id=east] .on", on["name"])
+    expect_text(page, ".tile[data-id=gone] .on", "no target")
+    told = page.evaluate(
+        """async () => {
+          const { onWords } = await import('/web/js/fleet.js');
+          const on = { name: 'M 31', arrived: true, error_arcsec: 2.04, error_utc: '2026-11-26T20:00:00Z' };
+          const going = { ...on, arrived: false, error_arcsec: null };
+          return [onWords(on, 3), onWords(on, 300), onWords(going, null)];
+        }"""
+    )
+    assert told == ["M 31 · 2.0″ off", "M 31 · 2.0″ off, 5 min 00 s ago", "to M 31"]
     page.screenshot(path=str(pictures / "wall.png"))
     # neither a sound nor a notification before somebody wants them
     page.click("#alerts-open")

@@ -2,11 +2,19 @@
 
 import { getIfNew, NoConnection } from "./calls.js";
 import { by, element, fill, say } from "./elements.js";
-import { degrees, dms, hms, span } from "./angles.js";
+import { degrees, dms, hms, small, span } from "./angles.js";
 import { stateWords } from "./state_line.js";
 
 const EVERY_MS = 4000, WALL_MS = 1500, HIDDEN_MS = 15_000;
-const READ_OLD_S = 10;
+const READ_OLD_S = 10, LOOK_OLD_S = 120;
+
+/** What a telescope is on, and how well the last look saw it; `age_s`: of that look, told once it is old. */
+export function onWords(on, age_s) {
+  if (!on) return "no target";
+  const name = on.name ?? "a target";
+  const off = on.error_arcsec === null ? "" : ` · ${small(on.error_arcsec)} off${age_s !== null && age_s > LOOK_OLD_S ? `, ${span(age_s)} ago` : ""}`;
+  return `${on.arrived ? "" : "to "}${name}${off}`;
+}
 
 export function showFleet(observatory) {
   const wall = by("wall"), opener = by("wall-open");
@@ -79,7 +87,7 @@ export function showFleet(observatory) {
         show(false);
       } },
         element("i", { class: "lamp", "aria-hidden": "true" }), element("b", {}, one.id), element("span", { class: "word" }),
-        element("p", { class: "words num place" }), element("p", { class: "words num sky dim" }), element("p", { class: "words say dim" }))));
+        element("p", { class: "words on" }), element("p", { class: "words num place" }), element("p", { class: "words num sky dim" }), element("p", { class: "words say dim" }))));
     }
     for (const tile of wall.querySelectorAll(".tile")) {
       const state = observatory.fleet.find((one) => one.id === tile.dataset.id);
@@ -90,6 +98,7 @@ export function showFleet(observatory) {
       tile.querySelector(".lamp").dataset.tone = lost ? "none" : tone;
       const put = (selector, text) => say(tile.querySelector(selector), text);
       put(".word", lost ? "not known" : word);
+      put(".on", onWords(state.on, observatory.ageOf(state.on?.error_utc ?? null)));
       put(".place", state.icrs ? `${hms(state.icrs.ra_deg, 0)} ${dms(state.icrs.dec_deg)}` : "position not known");
       put(".sky", [state.altitude_deg === null ? "" : `${degrees(state.altitude_deg)} high`,
         state.next_limit ? `${state.next_limit.limit} limit in ${span(state.next_limit.after_s)}` : ""].filter(Boolean).join(" · "));

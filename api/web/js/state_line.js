@@ -29,7 +29,7 @@ export function stateWords(state, job, lease = null) {
   const rest = restWords(state);
   if (!state.job_id && rest && state.tracking !== true) detail.push(rest);
   const say = (word, tone) => ({ word, tone, detail: detail.join(" · ") });
-  if (state.job_id) return say(DOING[running?.kind] ?? (state.slewing ? "Slewing" : "Busy"), "busy");
+  if (state.job_id) return say(DOING[running?.kind ?? state.job_kind] ?? (state.slewing ? "Slewing" : "Busy"), "busy");
   if (state.slewing) return say("Slewing", "busy");
   if (state.trusted === false) return say("Not trusted", "bad");
   if (state.problem) return say("Trouble", "bad");

@@ -9,7 +9,10 @@ import httpx
 import pytest
 
 from api.http.headline_views import coming_night, night_times, noon_before
-from mountnav.sky.coordinates import Site
+from api.http.sky_views import aim_of, has_target
+from api.orders.job import Job
+from mountnav.clock import utc_now
+from mountnav.sky.coordinates import Air, Icrs, Site
 
 SITE = Site(latitude_deg=47.0, longitude_deg=11.0, height_m=0.0)
 EAST = "/v1/telescopes/east"
@@ -76,6 +79,10 @@ async def test_a_centering_is_told_until_the_mount_moves(client: httpx.AsyncClie
     assert on["meridian_s"] == pytest.approx(-sky["hour_angle_deg"] * 3600 / 15.0410686, abs=0.5)
     state = await _told(client, "")
     assert state["time_to_meridian_s"] == pytest.approx(on["meridian_s"], abs=10.0)
+    # the state says the same of the target, for those who see many telescopes at once
+    same = ("arrived", "error_arcsec", "error_utc")
+    told = {"name": on["target"], "job_id": on["target_job_id"]} | {name: on[name] for name in same}
+    assert (state["on"], state["job_kind"]) == (told, None)
 
     # the night as a strip: the looks with their widths and zero points, and what was done
     night = await _told(client, "/tonight")
@@ -99,4 +106,23 @@ async def test_a_centering_is_told_until_the_mount_moves(client: httpx.AsyncClie
     assert nudged.json()["state"] == "succeeded"
     moved = (await _told(client, "/sky"))["headline"]
     assert moved["error_arcsec"] is None
+    assert (await _told(client, ""))["on"]["error_arcsec"] is None
     assert moved["fwhm_arcsec"] == on["fwhm_arcsec"]  # of the sky, whatever was looked at
+
+
+def test_the_place_by_which_a_frame_is_solved_is_no_target() -> None:
+    here = Icrs(10.0, 20.0)
+    place = {"ra_deg": here.ra_deg, "dec_deg": here.dec_deg}
+    for kind, wanted in (("solve", None), ("slew", here)):
+        job = Job("1", kind, "east", dict(place), utc_now())
+        assert has_target(job) is (wanted is not None)
+        assert aim_of(job, utc_now(), SITE, Air()) == wanted
+
+
+def test_nobody_waits_for_an_orbit_to_see_a_state() -> None:
+    jupiter = Job("1", "center", "east", {"target": {"kind": "name", "name": "Jupiter"}}, utc_now())
+    vega = Job("1", "center", "east", {"target": {"kind": "name", "name": "Vega"}}, utc_now())
+    assert has_target(jupiter)
+    assert aim_of(jupiter, utc_now(), SITE, Air()) is not None
+    assert aim_of(jupiter, utc_now(), SITE, Air(), bodies_too=False) is None
+    assert aim_of(vega, utc_now(), SITE, Air(), bodies_too=False) is not None
