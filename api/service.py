@@ -136,10 +136,11 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         build_early=early,
         limits=Limits(settings.solving.memory_mb),
         uploads_wait=settings.nova.enabled,
+        engine=settings.solver,
     )
     restored = RestoredState(journal, tell)
     try:
-        observatory = build_observatory(settings, catalog, jobs.heard, solver, journal)
+        observatory = build_observatory(settings, catalog, jobs.heard, solver.of, journal)
     except BaseException:
         await asyncio.to_thread(journal.close)
         raise

@@ -56,6 +56,7 @@ from mountnav.simulation.rotator_mechanics import RotatorBehavior, RotatorMechan
 _log = logging.getLogger(__name__)
 
 Heard = Callable[[str, str, dict[str, object]], None]
+SolveFor = Callable[[str], Solve]
 
 
 @dataclass(slots=True)
@@ -235,7 +236,7 @@ class Observatory:
 
 
 def build_observatory(
-    settings: Settings, catalog: Catalog, heard: Heard, solve: Solve, journal: SqlJournal
+    settings: Settings, catalog: Catalog, heard: Heard, solve: SolveFor, journal: SqlJournal
 ) -> Observatory:
     """Put the telescopes of the settings together; fakes are started, nothing else is opened.
 
@@ -245,8 +246,8 @@ def build_observatory(
         For drawing simulated frames.
     heard : callable
         ``heard(telescope_id, kind, data)``: told of each step.
-    solve : Solve
-        For all telescopes.
+    solve : callable
+        ``solve(telescope_id)`` gives the solver of that telescope's looks.
     journal : SqlJournal
         Where all that they do is written down.
     """
@@ -280,7 +281,7 @@ def _build(
     settings: Settings,
     catalog: Catalog,
     heard: Heard,
-    solve: Solve,
+    solve: SolveFor,
     sql_journal: SqlJournal,
 ) -> Telescope:
     restart = Restart(sql_journal, one.id, outlives=not one.mount.is_fake)
@@ -319,7 +320,7 @@ def _build(
             max_mb=one.night.record_max_mb,
         )
         journal = RecordedJournal(journal, recording.keep)
-    seen = LastFrame(solve)
+    seen = LastFrame(solve(one.id))
     rotator, turns = _rotator(one)
     navigator = make_navigator(
         one,
