@@ -31,6 +31,7 @@ from api.cli.replay import replay
 from api.cli.report import report
 from api.cli.series import series
 from api.cli.serve import serve
+from api.cli.site import site
 from api.cli.site_time import site_time
 from api.cli.solve import solve
 from api.cli.solver import solver_app
@@ -70,6 +71,7 @@ app.command("pointing-doctor")(pointing_doctor)
 app.command("init")(init)
 app.command("check")(check)
 app.command("serve")(serve)
+app.command("site")(site)
 app.command("indi-driver")(indi_driver)
 app.command("demo")(demo)
 app.add_typer(archive_app, name="archive")
