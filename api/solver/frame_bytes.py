@@ -27,7 +27,7 @@ def pack_pixels(pixels: NDArray[np.generic]) -> bytes:
     parts: list[bytes] = []
     for plane in planes:
         packer = zlib.compressobj(1, zlib.DEFLATED, zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_HUFFMAN_ONLY)
-        stream = packer.compress(np.ascontiguousarray(plane)) + packer.flush()
+        stream = packer.compress(np.ascontiguousarray(plane).data) + packer.flush()
         parts += (_LENGTH.pack(len(stream)), stream)
     return b"".join(parts)
 

@@ -54,7 +54,10 @@ function telescopeRow(one) {
 
 function stopWords(stop) {
   const word = stop.stopped === true ? "stopped" : stop.stopped === false ? "NOT STOPPED" : "NOT KNOWN whether it stopped";
-  return stop.problem ? `${word}: ${stop.problem}` : word;
+  if (!stop.problem) return word;
+  // the problem itself may begin with it
+  const problem = stop.problem.replace(/^not known/, "NOT KNOWN");
+  return problem.startsWith("NOT ") ? problem : `${word}: ${problem}`;
 }
 
 function tile(one) {

@@ -138,7 +138,7 @@ async def listening(answer: Answer) -> AsyncIterator[Stranger]:
                 me.keys.add(key)
                 await answer(me, out, asked, key)
                 await out.drain()
-        except (asyncio.IncompleteReadError, ConnectionError):
+        except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
             pass
         finally:
             out.close()
