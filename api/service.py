@@ -66,6 +66,8 @@ class Service:
     listeners: Listeners = field(default_factory=lambda: Listeners({}))
     keys: KeyStore | None = None
     mornings: MorningPosts | None = None
+    longer: LongerOrders | None = None
+    job_store: JobStore | None = None
     _halted: bool = False
 
     def solve_settings(self, telescope_id: str | None) -> SolveSettings:
@@ -121,9 +123,8 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     )
     events = Events(settings.service.events_kept)
     ids = frozenset(telescope.id for telescope in settings.telescope)
-    jobs = Jobs(
-        events, settings.service.jobs_kept, store=JobStore(journal, journal.reader, ids), view=_as_json
-    )
+    job_store = JobStore(journal, journal.reader, ids)
+    jobs = Jobs(events, settings.service.jobs_kept, store=job_store, view=_as_json)
 
     def tell(kind: str, data: dict[str, object]) -> None:
         events.publish(kind, data)
@@ -150,10 +151,11 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     await observatory.open()
     audit = Audit(journal)
     leases = Leases(journal, events.publish, audit)
+    longer = LongerOrders(settings, observatory, solver, jobs.heard)
     dispatcher = Dispatcher(
         observatory,
         jobs,
-        longer=LongerOrders(settings, observatory, solver, jobs.heard),
+        longer=longer,
         leases=leases,
         audit=audit,
         poll_s=settings.service.state_poll_s,
@@ -204,6 +206,8 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         metrics,
         restored,
         mornings=mornings,
+        longer=longer,
+        job_store=job_store,
     )
 
 

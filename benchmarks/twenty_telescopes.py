@@ -2,8 +2,8 @@
 
 A service in a process of its own with fake mounts and simulated cameras. Some of them look and are solved
 all the time, one of these sends looks as fast as they are taken (the storm). Meanwhile a client asks for the
-state of all, and another telescope's looks are timed beside the storm. Then all are slewed, and STOP ALL is given.
-Memory is the proportional set size (PSS) of the service and of all it started, the largest that was seen.
+state of all, and another telescope's looks are timed beside the storm. Then all are slewed, and STOP ALL is
+given. Memory is the proportional set size (PSS) of the service and of all it started, the largest seen.
 
 Wanted: p99 of the state below 20 ms, STOP ALL below 2 s, at most 600 MB. A bare server on the same machine,
 asked in the same way at the same time, tells what of the latency is the machine's.

@@ -377,6 +377,11 @@ class LongerOrders:
         self._solver = solver
         self._heard = heard
 
+    def know(self, settings: Settings) -> None:
+        """Go by these settings from now on."""
+        self._telescopes = {telescope.id: telescope for telescope in settings.telescope}
+        self._settings = settings
+
     def work_of(self, telescope_id: str, order: LongerOrder) -> Work:
         """An order as something to do with a navigator."""
         one = self._telescopes[telescope_id]

@@ -178,7 +178,8 @@ class Cluster:
         if link is None:
             raise Unanswered("the process that speaks with the cluster is starting")
         assert isinstance(work.source, Frame)
-        number, answer = next(self._numbers), loop.create_future()
+        number = next(self._numbers)
+        answer: asyncio.Future[Relayed] = loop.create_future()
         self._answers[number] = answer
         file = -1
         try:

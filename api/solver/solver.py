@@ -80,8 +80,8 @@ class Solver:
         if engine is not None and engine.engine != "process":
             self.pool = Pool(catalog, tell, size=engine.workers, limits=limits)
             worker = False
-        if engine is not None and engine.engine == "dask":
-            self.cluster = Cluster(catalog, tell, settings=engine, pool=self.pool, limits=limits)
+            if engine.engine == "dask":
+                self.cluster = Cluster(catalog, tell, settings=engine, pool=self.pool, limits=limits)
         self.worker = Worker(catalog, tell, limits=limits) if worker and looks else None
         self.uploads: Worker | None = None
         if worker and not looks:

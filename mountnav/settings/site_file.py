@@ -75,7 +75,8 @@ class SitePageSettings(Section):
                     "host": self.host,
                     "key": "host",
                     "fix": 'set host = "127.0.0.1", or set api_token_sha256 to the output of `printf %s '
-                    "YOUR-TOKEN | sha256sum`, or name a keys_file of `mountnav key new NAME --role operate --file FILE`",
+                    "YOUR-TOKEN | sha256sum`, or name a keys_file that `mountnav key new NAME --role operate "
+                    "--file FILE` has written",
                 },
             )
         return self

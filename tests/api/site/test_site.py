@@ -83,8 +83,8 @@ async def test_hostile_slow_and_dead_services_hold_neither_the_page_nor_the_stop
     caplog.set_level(logging.DEBUG)
     async with AsyncExitStack() as stack:
         there: dict[str, Stranger] = {}
-        for name, (answer, _) in KINDS.items():
-            there[name] = await stack.enter_async_context(listening(answer))
+        for name, (kind, _) in KINDS.items():
+            there[name] = await stack.enter_async_context(listening(kind))
         there["late"] = await stack.enter_async_context(listening(strangers.hangs_on_stop))
         urls = {name: one.url for name, one in there.items()} | {"dead": "http://127.0.0.1:9"}
         _, client = await stack.enter_async_context(_site(_file(urls, key_file)))

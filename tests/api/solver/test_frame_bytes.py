@@ -18,7 +18,7 @@ _PIXELS = of_numpy.arrays(
 
 @settings(max_examples=60, deadline=None)
 @given(_PIXELS)
-def test_pixels_come_back_bit_by_bit(pixels: np.ndarray) -> None:  # type: ignore[type-arg]
+def test_pixels_come_back_bit_by_bit(pixels: np.ndarray) -> None:
     back = unpack_pixels(pack_pixels(pixels), pixels.dtype, pixels.shape)
     assert back.dtype == pixels.dtype
     assert back.tobytes() == np.ascontiguousarray(pixels).tobytes()
@@ -27,7 +27,7 @@ def test_pixels_come_back_bit_by_bit(pixels: np.ndarray) -> None:  # type: ignor
 @settings(max_examples=60, deadline=None)
 @given(_PIXELS, st.data())
 def test_what_is_cut_or_changed_never_takes_more_room_or_passes_for_another_size(
-    pixels: np.ndarray,  # type: ignore[type-arg]
+    pixels: np.ndarray,
     data: st.DataObject,
 ) -> None:
     content = bytearray(pack_pixels(pixels))
