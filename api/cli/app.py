@@ -24,7 +24,7 @@ from api.cli.journal import journal_app
 from api.cli.keys import key_app
 from api.cli.model import model_app
 from api.cli.night import night_app
-from api.cli.operate import center, follow, look, park, slew, status, stop, sync, track, unpark, watch
+from api.cli.operate import center, follow, look, park, reload, slew, status, stop, sync, track, unpark, watch
 from api.cli.pointing_doctor import pointing_doctor
 from api.cli.ports import ports
 from api.cli.replay import replay
@@ -71,6 +71,7 @@ app.command("pointing-doctor")(pointing_doctor)
 app.command("init")(init)
 app.command("check")(check)
 app.command("serve")(serve)
+app.command("reload")(reload)
 app.command("site")(site)
 app.command("indi-driver")(indi_driver)
 app.command("demo")(demo)

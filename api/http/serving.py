@@ -68,7 +68,7 @@ class ObservatoryServer(uvicorn.Server):
     def capture_signals(self) -> Iterator[None]:
         """A closed terminal (SIGHUP) ends the service as SIGTERM does: the mounts are stopped first.
 
-        Nothing is to be read again: keys are followed as their file changes, and other settings need a start.
+        It reads nothing again: keys are followed as their file changes, telescopes by `POST /v1/reload`.
         Where SIGHUP is ignored (nohup) it stays so.
         """
         with super().capture_signals():
