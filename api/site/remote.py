@@ -109,7 +109,7 @@ class _PinnedObject(ssl.SSLObject):
         assert isinstance(context, _Pinned)
         certificate = self.getpeercert(binary_form=True) or b""
         if hashlib.sha256(certificate).hexdigest() != context.fingerprint:
-            raise ssl.SSLCertVerificationError("the certificate has another fingerprint")
+            raise ssl.SSLCertVerificationError(1, "it has another fingerprint")
 
 
 class _Pinned(ssl.SSLContext):
@@ -307,13 +307,22 @@ class Remote:
     def _why(self, error: Exception) -> str:
         if isinstance(error, TimeoutError | httpx.TimeoutException):
             return f"no answer within {ASKED_S:g} s"
-        if isinstance(error, ssl.SSLError) or isinstance(error.__cause__, ssl.SSLError):
-            return masked(f"its certificate isn't taken: {error}")[:MOST_WORDS]
+        if (of_tls := _of_tls(error)) is not None:
+            return masked(f"its certificate isn't taken: {of_tls.strerror or of_tls}")[:MOST_WORDS]
         if isinstance(error, BadSettings):
             return masked(error.what)[:MOST_WORDS]
         if isinstance(error, StrangeAnswer):
             return masked(str(error))[:MOST_WORDS]
         return masked(f"it can't be reached: {error or type(error).__name__}")[:MOST_WORDS]
+
+
+def _of_tls(error: BaseException | None) -> ssl.SSLError | None:
+    """What TLS had against a connection, wherever it stands behind an error."""
+    while error is not None:
+        if isinstance(error, ssl.SSLError):
+            return error
+        error = error.__cause__ or error.__context__
+    return None
 
 
 def _telescope(told: dict[str, Any], key: str | None) -> TelescopeSeen:

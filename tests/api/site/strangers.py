@@ -141,7 +141,7 @@ async def listening(answer: Answer) -> AsyncIterator[Stranger]:
         except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
             pass
         finally:
-            out.close()
+            out.transport.abort()
 
     server = await asyncio.start_server(met, "127.0.0.1", 0)
     me.port = server.sockets[0].getsockname()[1]
@@ -152,3 +152,6 @@ async def listening(answer: Answer) -> AsyncIterator[Stranger]:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        await server.wait_closed()
+        for _ in range(3):  # sockets are closed in the next turns of the loop
+            await asyncio.sleep(0)
