@@ -66,6 +66,8 @@ class Service:
     listeners: Listeners = field(default_factory=lambda: Listeners({}))
     keys: KeyStore | None = None
     mornings: MorningPosts | None = None
+    longer: LongerOrders | None = None
+    job_store: JobStore | None = None
     _halted: bool = False
 
     def solve_settings(self, telescope_id: str | None) -> SolveSettings:
@@ -121,9 +123,8 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     )
     events = Events(settings.service.events_kept)
     ids = frozenset(telescope.id for telescope in settings.telescope)
-    jobs = Jobs(
-        events, settings.service.jobs_kept, store=JobStore(journal, journal.reader, ids), view=_as_json
-    )
+    job_store = JobStore(journal, journal.reader, ids)
+    jobs = Jobs(events, settings.service.jobs_kept, store=job_store, view=_as_json)
 
     def tell(kind: str, data: dict[str, object]) -> None:
         events.publish(kind, data)
@@ -136,10 +137,11 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         build_early=early,
         limits=Limits(settings.solving.memory_mb),
         uploads_wait=settings.nova.enabled,
+        engine=settings.solver,
     )
     restored = RestoredState(journal, tell)
     try:
-        observatory = build_observatory(settings, catalog, jobs.heard, solver, journal)
+        observatory = build_observatory(settings, catalog, jobs.heard, solver.of, journal)
     except BaseException:
         await asyncio.to_thread(journal.close)
         raise
@@ -149,10 +151,11 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     await observatory.open()
     audit = Audit(journal)
     leases = Leases(journal, events.publish, audit)
+    longer = LongerOrders(settings, observatory, solver, jobs.heard)
     dispatcher = Dispatcher(
         observatory,
         jobs,
-        longer=LongerOrders(settings, observatory, solver, jobs.heard),
+        longer=longer,
         leases=leases,
         audit=audit,
         poll_s=settings.service.state_poll_s,
@@ -203,6 +206,8 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         metrics,
         restored,
         mornings=mornings,
+        longer=longer,
+        job_store=job_store,
     )
 
 

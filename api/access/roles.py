@@ -88,6 +88,7 @@ _OPERATE = (
 )
 _CONFIGURE = (
     "GET /v1/audit",
+    "POST /v1/reload",
     # these overrule what the guards know by themselves
     f"POST {_TELESCOPE}/acknowledge",
     f"POST {_TELESCOPE}/trust",
@@ -106,7 +107,7 @@ ROLES: Mapping[str, Role | None] = {
 LEASED = frozenset({f"POST {_TELESCOPE}/night/start", f"POST {_TELESCOPE}/night/resume"})
 """Routes that let a telescope be moved without an order to the dispatcher: they ask for the lease as well."""
 
-OF_ALL = frozenset({"GET /metrics", "GET /v1/journal/runs"})
+OF_ALL = frozenset({"GET /metrics", "GET /v1/journal/runs", "POST /v1/reload"})
 """Routes that tell of all telescopes at once: a key for some of them may not ask. All others show such a key
 its own telescopes alone."""
 

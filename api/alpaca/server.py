@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 from starlette.datastructures import Headers
 from starlette.requests import Request
@@ -37,6 +37,7 @@ from api.alpaca.connection import Client
 from api.alpaca.errors import words_of
 from api.alpaca.management import ids_path, management_value, server_page, telescope_page, unique_ids
 from api.alpaca.telescope import AlpacaTelescope
+from api.observatory.observatory import Telescope
 from api.problems import Refused
 from api.service import Service
 
@@ -110,6 +111,7 @@ class AlpacaServer:
         self._keys = keys_getter
         self._transactions = Transactions()
         self._devices: list[AlpacaTelescope] = []
+        self._known: Sequence[Telescope] = ()
         self._of: Service | None = None
         self._making = asyncio.Lock()
 
@@ -120,23 +122,47 @@ class AlpacaServer:
         await response(scope, receive, send)
 
     async def devices(self, service: Service) -> list[AlpacaTelescope]:
-        """All telescopes, in the order of the settings."""
+        """All telescopes, in the order of the settings at the start; those that came later follow.
+
+        A number stands for one telescope as long as the service runs: one that was taken out keeps its
+        number, and is not connected any more.
+        """
+        telescopes = service.dispatcher.telescopes
+        known = self._known
+        same = len(known) == len(telescopes) and all(a is b for a, b in zip(known, telescopes, strict=True))
+        if self._of is service and same:
+            return self._devices
         async with self._making:
-            if self._of is not service:
-                # a disk is waited for in a thread, never in the event loop
-                telescopes = service.dispatcher.telescopes
-                ids = await asyncio.to_thread(
-                    unique_ids, ids_path(service.settings), [telescope.id for telescope in telescopes]
-                )
-                self._devices = [
-                    AlpacaTelescope(
-                        *(number, ids[one.id], one, service.dispatcher, service.settings, service.audit),
-                        time.monotonic,
-                    )
-                    for number, one in enumerate(telescopes)
-                ]
-                self._of = service
+            # a disk is waited for in a thread, never in the event loop
+            telescopes = service.dispatcher.telescopes
+            ids = await asyncio.to_thread(
+                unique_ids, ids_path(service.settings), [telescope.id for telescope in telescopes]
+            )
+            devices = self._devices if self._of is service else []
+            self._devices = self._made(service, devices, telescopes, ids)
+            self._of, self._known = service, telescopes
         return self._devices
+
+    def _made(
+        self,
+        service: Service,
+        before: list[AlpacaTelescope],
+        telescopes: Sequence[Telescope],
+        ids: Mapping[str, str],
+    ) -> list[AlpacaTelescope]:
+        """The devices, each of those before at its number."""
+        devices = list(before)
+        for one in telescopes:
+            known = next((device for device in devices if device.id == one.id), None)
+            if known is not None and known.telescope is one:
+                continue
+            number = len(devices) if known is None else known.number
+            made = AlpacaTelescope(
+                *(number, ids[one.id], one, service.dispatcher, service.settings, service.audit),
+                time.monotonic,
+            )
+            devices[number : number + 1] = [made]
+        return devices
 
     async def _respond(self, request: Request) -> Response:
         path = _path_of(request.scope)

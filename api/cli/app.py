@@ -24,13 +24,14 @@ from api.cli.journal import journal_app
 from api.cli.keys import key_app
 from api.cli.model import model_app
 from api.cli.night import night_app
-from api.cli.operate import center, follow, look, park, slew, status, stop, sync, track, unpark, watch
+from api.cli.operate import center, follow, look, park, reload, slew, status, stop, sync, track, unpark, watch
 from api.cli.pointing_doctor import pointing_doctor
 from api.cli.ports import ports
 from api.cli.replay import replay
 from api.cli.report import report
 from api.cli.series import series
 from api.cli.serve import serve
+from api.cli.site import site
 from api.cli.site_time import site_time
 from api.cli.solve import solve
 from api.cli.solver import solver_app
@@ -70,6 +71,8 @@ app.command("pointing-doctor")(pointing_doctor)
 app.command("init")(init)
 app.command("check")(check)
 app.command("serve")(serve)
+app.command("reload")(reload)
+app.command("site")(site)
 app.command("indi-driver")(indi_driver)
 app.command("demo")(demo)
 app.add_typer(archive_app, name="archive")

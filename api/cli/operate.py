@@ -31,7 +31,20 @@ if TYPE_CHECKING:
     from mountnav.client import Client
     from mountnav.client.results import Job, TelescopeState
 
-__all__ = ["center", "follow", "look", "park", "slew", "status", "stop", "sync", "track", "unpark", "watch"]
+__all__ = [
+    "center",
+    "follow",
+    "look",
+    "park",
+    "reload",
+    "slew",
+    "status",
+    "stop",
+    "sync",
+    "track",
+    "unpark",
+    "watch",
+]
 
 _USAGE, _FAILED = 2, 1
 """Exit codes: what was typed makes no sense; refused, failed or not known."""
@@ -211,6 +224,30 @@ def stop(options: OneOrAll) -> None:
                     "advice": "look at the mount, and at `mountnav status`",
                 }
             )
+
+
+# -- the settings read again ------------------------------------------------------------------------------
+
+
+@takes_options(ServiceOptions)
+def reload(options: ServiceOptions) -> None:
+    """Have the service read its settings file again: telescopes are added, changed and taken out.
+
+    All others go on meanwhile. One that is changed or taken out must be idle; whatever is wrong is told, and
+    nothing is changed then. Needs a key with the role configure.
+    """
+    with _asking("reload", options) as (said, client):
+        told = client.reload()
+        said.answer = told
+        named: list[tuple[str, list[str]]] = [
+            ("added", told["added"]),
+            ("changed", told["changed"]),
+            ("taken out", told["removed"]),
+        ]
+        lines = [f"{word}: {', '.join(ids)}" for word, ids in named if ids]
+        said.words += lines or ["all telescopes are as they were"]
+        if told["needs_restart"]:
+            said.words.append(f"counts from the next start on: {', '.join(told['needs_restart'])}")
 
 
 def _stopped(part: dict[str, Any]) -> str:

@@ -99,7 +99,13 @@ def serve_observatory(asked: ServeOptions) -> int:
 
     # all devices before anything is opened: a wrong one is one line, and starting again won't help
     require_devices(settings, asked.config)
-    return serve_settings(settings)
+
+    def read_again() -> Settings:
+        again = _served(settings_of(asked), asked)
+        require_devices(again, asked.config)
+        return again
+
+    return serve_settings(settings, read_again=None if asked.config is None else read_again)
 
 
 serve = takes_options(ServeOptions)(serve_observatory)

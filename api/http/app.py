@@ -44,6 +44,7 @@ from api.http.routes import (
     orders,
     page,
     pointing,
+    reload,
     sky_view,
     solve,
     stops,
@@ -233,6 +234,7 @@ def _common_routes() -> APIRouter:
         stops,
         objects,
         capabilities,
+        reload,
     )
     for router in (resource.router for resource in shut):
         common.include_router(router, prefix="/v1", dependencies=[TokenRequired, KnownQueryOnly])

@@ -119,6 +119,11 @@ class HealthView(BaseModel):
     solver: str = Field(
         description='"starting", "ready", "solving", "failed: ..." (why); "in this process" without a worker'
     )
+    solver_engine: str = Field(
+        default="process",
+        description='Where frames are solved: "process", "pool: 2 of 4 processes, 0 frames wait", or '
+        '"dask: 3 workers"; "dask: away: ..." (why) while the service solves them itself',
+    )
     journal: str = Field(default="ok", description='"ok", or why nothing can be written down just now')
     blind_index: str = Field(description='"ready", "building 40 %", or "none: ..." (why)')
     earth_rotation: EarthRotationView
@@ -223,6 +228,8 @@ def readiness(service: Service) -> Readiness:
         why_not.append(f"solver: {solver}")
     elif solver == "starting":
         why_not.append("solver: it is starting")
+    if (concern := service.solver.concern) is not None:
+        concerns.append(f"solver: {concern}")
     telescopes = service.observatory.telescopes
     missing = [telescope for telescope in telescopes if not telescope.is_open]
     # one of several that is missing costs the others nothing

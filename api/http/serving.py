@@ -9,7 +9,7 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from types import FrameType
 from typing import Any
@@ -68,7 +68,7 @@ class ObservatoryServer(uvicorn.Server):
     def capture_signals(self) -> Iterator[None]:
         """A closed terminal (SIGHUP) ends the service as SIGTERM does: the mounts are stopped first.
 
-        Nothing is to be read again: keys are followed as their file changes, and other settings need a start.
+        It reads nothing again: keys are followed as their file changes, telescopes by `POST /v1/reload`.
         Where SIGHUP is ignored (nohup) it stays so.
         """
         with super().capture_signals():
@@ -216,8 +216,15 @@ def bind(host: str, port: int) -> socket.socket:
         ) from error
 
 
-def serve(settings: Settings, *, log_level: str | None = None) -> int:
+def serve(
+    settings: Settings, *, log_level: str | None = None, read_again: Callable[[], Settings] | None = None
+) -> int:
     """Serve until interrupted; the exit code. With `[demo]` it is a virtual observatory, and says where.
+
+    Parameters
+    ----------
+    read_again : callable, optional
+        Reads the settings once more, for `POST /v1/reload`. Raises `BadSettings`.
 
     Raises
     ------
@@ -235,6 +242,7 @@ def serve(settings: Settings, *, log_level: str | None = None) -> int:
             standing.enter_context(virtual_days(settings.demo, settings.site.site))
         listener = standing.enter_context(bind(settings.service.host, settings.service.port))
         app = create_app(settings)
+        app.state.read_again = read_again
         app.state.http_address = listener.getsockname()[:2]
         if settings.demo is not None:
             app.include_router(truth.router, prefix="/v1", dependencies=[KnownQueryOnly])

@@ -208,6 +208,7 @@ class StateAnswers:
     def __init__(self, service: Service) -> None:
         self._service = service
         self._kept: dict[str, Answer] = {}
+        self._of: dict[str, Telescope] = {}
 
     def of(self, telescope: Telescope) -> Answer:
         """The answer of one telescope."""
@@ -216,7 +217,8 @@ class StateAnswers:
         # the service's id: after a restart the counting begins again
         tag = f'"{self._service.events.run}-{snapshot.revision}-{job}{self._beside(telescope)}"'
         kept = self._kept.get(telescope.id)
-        if kept is None or kept.tag != tag:
+        if kept is None or kept.tag != tag or self._of[telescope.id] is not telescope:
+            self._of[telescope.id] = telescope
             problem = self._service.restored.problem
             held = self._service.dispatcher.held(telescope.id)
             warnings = () if problem is None else (problem,)

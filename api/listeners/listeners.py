@@ -73,17 +73,29 @@ class Listeners:
 
     async def start(self) -> None:
         """Open them all. One that can't be opened is logged, and shown by `states`."""
-        for name, make in self._made.items():
-            try:
-                listener = make()
-                await listener.start()
-            except (OSError, MountnavError) as error:
-                # a planetarium's port that somebody else holds is no reason to lose the night
-                self._problems[name] = str(error)
-                _log.error("%s can't be opened: %s", name, error)
-            else:
-                self._open[name] = listener
-                _log.info("%s listens on %s port %d", name, *listener.address)
+        for name in self._made:
+            await self._begin(name)
+
+    async def _begin(self, name: str) -> None:
+        try:
+            listener = self._made[name]()
+            await listener.start()
+        except (OSError, MountnavError) as error:
+            # a planetarium's port that somebody else holds is no reason to lose the night
+            self._problems[name] = str(error)
+            _log.error("%s can't be opened: %s", name, error)
+        else:
+            self._open[name] = listener
+            _log.info("%s listens on %s port %d", name, *listener.address)
+
+    async def renew(self, name: str) -> None:
+        """Shut one, if it is open, and open it anew; its clients are let go once."""
+        if name not in self._made:
+            return
+        if (before := self._open.pop(name, None)) is not None:
+            await before.stop()
+        self._problems.pop(name, None)
+        await self._begin(name)
 
     async def stop(self) -> None:
         """Shut them all."""

@@ -114,6 +114,10 @@ class MorningPosts:
         self.failed: dict[str, str] = {}
         """Why each way failed last; empty when all went well."""
 
+    def know(self, settings: Settings) -> None:
+        """Go by these settings from now on."""
+        self._settings = settings
+
     def start(self) -> None:
         """Begin to look for mornings; nothing is done where the settings want nothing."""
         if self._settings.report.wanted and self._looking is None:

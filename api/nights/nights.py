@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import logging
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import timedelta
 from functools import partial
@@ -25,7 +25,7 @@ from mountnav.journal.records import Entry, EntryKind, Journal, Unwritten
 from mountnav.journal.sql_journal import SqlJournal
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.night.daylight import night_name, sun_altitude_deg
-from mountnav.night.events import Word
+from mountnav.night.events import Phase, Word
 from mountnav.night.frames_in import FrameAnswer, FramesIn, Receipt
 from mountnav.night.memory import remembered
 from mountnav.night.parking import NightTelescope, Preempt
@@ -128,6 +128,11 @@ class NightRunner:
         if self._session is None:
             raise Busy("the night has not begun to run", device=self.parts.telescope_id)
         return self._session
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether frames are corrected, or will be: not while it waits for darkness or was stopped."""
+        return self._session is not None and self._session.state.phase in (Phase.CALIBRATING, Phase.FOLLOWING)
 
     # -- its life -----------------------------------------------------------------------------------------
 
@@ -400,6 +405,18 @@ class Nights:
             )
         return self._runners[telescope_id]
 
+    def is_running(self, telescope_id: str) -> bool:
+        """Whether a telescope's night is under way."""
+        runner = self._runners.get(telescope_id)
+        return runner is not None and runner.is_under_way
+
+    def exchange(self, gone: Collection[str], others: Nights) -> list[NightRunner]:
+        """Take these out, and others in, which `start` begins; those out are returned, to be closed."""
+        out = [self._runners.pop(one) for one in gone if one in self._runners]
+        self._begun -= set(gone)
+        self._runners |= others._runners
+        return out
+
     async def start(self) -> None:
         """Let all begin to run that don't yet; one that can't is logged, and the others run.
 
@@ -409,7 +426,7 @@ class Nights:
             What one of them remembers can't be read, or that it goes on can't be written: to be called again.
         """
         failure: JournalFailed | None = None
-        for name, runner in self._runners.items():
+        for name, runner in tuple(self._runners.items()):
             if name in self._begun:
                 continue
             try:

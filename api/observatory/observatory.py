@@ -56,6 +56,7 @@ from mountnav.simulation.rotator_mechanics import RotatorBehavior, RotatorMechan
 _log = logging.getLogger(__name__)
 
 Heard = Callable[[str, str, dict[str, object]], None]
+SolveFor = Callable[[str], Solve]
 
 
 @dataclass(slots=True)
@@ -93,6 +94,8 @@ class Telescope:
     last_frame: LastFrame | None = None
     dead_man: MountGuard | None = None
     problem: str | None = None
+    is_gone: bool = False
+    """Taken out of the service: it is never opened again."""
     is_open: bool = False
     is_taken_up: bool = False
     """What an earlier run left in flight is closed; nothing but a stop and a park is sent before."""
@@ -115,6 +118,12 @@ class Telescope:
             What an earlier run left in flight can't be closed.
         """
         async with self._opening:
+            if self.is_gone:
+                raise DeviceMissing(
+                    "the telescope was taken out of the service, or its settings changed",
+                    device=self.id,
+                    advice="ask for the telescopes again",
+                )
             if not self.is_open:
                 await self._hold()
                 try:
@@ -225,9 +234,20 @@ class Observatory:
             )
         return self._telescopes[telescope_id]
 
+    def put(self, telescopes: Sequence[Telescope]) -> list[Telescope]:
+        """Have these from now on; those that are no more among them are returned, to be closed.
+
+        From this moment on nothing opens those again.
+        """
+        gone = [one for one in self.telescopes if all(one is not other for other in telescopes)]
+        for one in gone:
+            one.is_gone = True
+        self._telescopes = {telescope.id: telescope for telescope in telescopes}
+        return gone
+
     async def open(self) -> None:
         """Open all devices side by side; one that is missing is logged and kept for later."""
-        await asyncio.gather(*(_open_quietly(telescope) for telescope in self.telescopes))
+        await asyncio.gather(*(open_quietly(telescope) for telescope in self.telescopes))
 
     async def close(self) -> None:
         """Stop and release everything."""
@@ -235,7 +255,7 @@ class Observatory:
 
 
 def build_observatory(
-    settings: Settings, catalog: Catalog, heard: Heard, solve: Solve, journal: SqlJournal
+    settings: Settings, catalog: Catalog, heard: Heard, solve: SolveFor, journal: SqlJournal
 ) -> Observatory:
     """Put the telescopes of the settings together; fakes are started, nothing else is opened.
 
@@ -245,13 +265,16 @@ def build_observatory(
         For drawing simulated frames.
     heard : callable
         ``heard(telescope_id, kind, data)``: told of each step.
-    solve : Solve
-        For all telescopes.
+    solve : callable
+        ``solve(telescope_id)`` gives the solver of that telescope's looks.
     journal : SqlJournal
         Where all that they do is written down.
     """
     return Observatory(
-        [_build(telescope, settings, catalog, heard, solve, journal) for telescope in settings.telescope]
+        [
+            build_telescope(telescope, settings, catalog, heard, solve, journal)
+            for telescope in settings.telescope
+        ]
     )
 
 
@@ -260,7 +283,8 @@ def link_is_lost(error: BaseException) -> bool:
     return isinstance(error, DeviceMissing | DeviceSilent)
 
 
-async def _open_quietly(telescope: Telescope) -> None:
+async def open_quietly(telescope: Telescope) -> None:
+    """Open a telescope's devices; one that is missing is logged and kept for later."""
     try:
         await telescope.ready()
     except DeviceError as error:
@@ -275,14 +299,15 @@ async def _open_quietly(telescope: Telescope) -> None:
         )
 
 
-def _build(
+def build_telescope(
     one: TelescopeSettings,
     settings: Settings,
     catalog: Catalog,
     heard: Heard,
-    solve: Solve,
+    solve: SolveFor,
     sql_journal: SqlJournal,
 ) -> Telescope:
+    """Put one telescope together, as `build_observatory` does all."""
     restart = Restart(sql_journal, one.id, outlives=not one.mount.is_fake)
     journal: Journal = sql_journal
     bench: FakeOnPty | None = None
@@ -319,7 +344,7 @@ def _build(
             max_mb=one.night.record_max_mb,
         )
         journal = RecordedJournal(journal, recording.keep)
-    seen = LastFrame(solve)
+    seen = LastFrame(solve(one.id))
     rotator, turns = _rotator(one)
     navigator = make_navigator(
         one,

@@ -123,6 +123,7 @@ class Dispatcher:
         self._calm = asyncio.Event()
         self._calm.set()
         self._held = {telescope.id: HeldAxes() for telescope in observatory.telescopes}
+        self._poll_s = poll_s
         self._watches = {telescope.id: Watch(telescope, jobs, poll_s) for telescope in observatory.telescopes}
 
     @property
@@ -137,6 +138,29 @@ class Dispatcher:
     def watch(self, telescope_id: str) -> Watch:
         """What is known of a telescope. Raises `NotFound`."""
         return self._watches[self._observatory.telescope(telescope_id).id]
+
+    def take_in(self, telescopes: Sequence[Telescope]) -> list[Watch]:
+        """Watch these from now on, each in the place of one of the same id; watches to close are returned.
+
+        What was ordered of that one and hasn't begun is held for overtaken, as by a stop.
+        """
+        old = []
+        for one in telescopes:
+            self._stops_given[one.id] = self._stops_given.get(one.id, 0) + 1
+            self._held[one.id] = HeldAxes()
+            before = self._watches.get(one.id)
+            first = 0
+            if before is not None:
+                first = before.latest.revision + 1
+                old.append(before)
+            self._watches[one.id] = Watch(one, self._jobs, self._poll_s, first_revision=first)
+            self._watches[one.id].start()
+        return old
+
+    def let_go(self, telescope_id: str) -> Watch:
+        """The watch of a telescope that was taken out, to be closed; what was ordered of it is overtaken."""
+        self._stops_given[telescope_id] += 1
+        return self._watches[telescope_id]
 
     def start(self) -> None:
         """Begin to watch."""

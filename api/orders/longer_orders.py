@@ -86,7 +86,9 @@ async def solve_frame(
     except OSError as trouble:
         raise BadFrame(f"the file can't be read: {trouble.strerror}", device=str(path)) from trouble
     with file:
-        verdict = await solver.solve_upload(Upload(path.name, file.fileno()), hint, settings)
+        verdict = await solver.solve_upload(
+            Upload(path.name, file.fileno()), hint, settings, owner=navigator.name
+        )
     if verdict.reason is Reason.BAD_FRAME:
         raise BadFrame(verdict.detail or str(verdict.reason), device=str(path))
     solution = verdict.solution
@@ -374,6 +376,11 @@ class LongerOrders:
         self._observatory = observatory
         self._solver = solver
         self._heard = heard
+
+    def know(self, settings: Settings) -> None:
+        """Go by these settings from now on."""
+        self._telescopes = {telescope.id: telescope for telescope in settings.telescope}
+        self._settings = settings
 
     def work_of(self, telescope_id: str, order: LongerOrder) -> Work:
         """An order as something to do with a navigator."""

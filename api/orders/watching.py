@@ -92,15 +92,21 @@ def still_since(since_utc: datetime | None, before: TelescopeState, now: Telesco
 
 
 class Watch:
-    """Reads one telescope's state again and again."""
+    """Reads one telescope's state again and again.
 
-    def __init__(self, telescope: Telescope, jobs: Jobs, poll_s: float) -> None:
+    Parameters
+    ----------
+    first_revision : int
+        Above those of a watch that this one follows: no client takes a reading for one that it has.
+    """
+
+    def __init__(self, telescope: Telescope, jobs: Jobs, poll_s: float, *, first_revision: int = 0) -> None:
         self._telescope = telescope
         self._jobs = jobs
         self._poll_s = poll_s
         self._state = TelescopeState(telescope.id, False, "idle", None, None, None, None, telescope.problem)
         self._utc = utc_now()
-        self._revision = 0
+        self._revision = first_revision
         self._still_since_utc: datetime | None = None
         self._news = asyncio.Event()
         self._wake = asyncio.Event()

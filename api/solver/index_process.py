@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import os
 
+from api.solver.attached import attached
 from api.solver.messages import Built, Done, Progress, Setup, receive, send
-from api.solver.process import attached, sendable
+from api.solver.process import sendable
 from mountnav.catalog.packed import PackedStore
 from mountnav.identification.blind.cache import cached_index
 

@@ -157,8 +157,35 @@ class Built:
     path: Path
 
 
-Answer = Ready | Done | Progress | Built
-_KINDS: dict[str, type[Any]] = {one.__name__: one for one in (Ready, Done, Progress, Built)}
+@dataclass(frozen=True, slots=True)
+class Relayed:
+    """What came of a frame that was sent to a cluster.
+
+    Attributes
+    ----------
+    number : int
+        Of the frame.
+    done : Done or None
+        The answer; None: there is none, and `trouble` says why.
+    """
+
+    number: int
+    done: Done | None = None
+    trouble: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ClusterSeen:
+    """How the cluster is seen: so many workers that may be asked; or why none can be."""
+
+    workers: int
+    trouble: str = ""
+
+
+Answer = Ready | Done | Progress | Built | Relayed | ClusterSeen
+_KINDS: dict[str, type[Any]] = {
+    one.__name__: one for one in (Ready, Done, Progress, Built, Relayed, ClusterSeen)
+}
 
 
 def written(answer: Answer) -> bytes:
@@ -192,7 +219,7 @@ def read(content: bytes | bytearray) -> Answer:
         raise
     except (struct.error, ValueError, TypeError, KeyError, OverflowError, RecursionError) as fault:
         raise BadAnswer(f"{type(fault).__name__}: {fault}") from fault
-    assert isinstance(made, (Ready, Done, Progress, Built))
+    assert isinstance(made, (Ready, Done, Progress, Built, Relayed, ClusterSeen))
     return made
 
 
@@ -390,6 +417,65 @@ class Read:
     """A file to read, not to solve: its pixels go into the second of the two files that come along."""
 
     name: str
+
+
+@dataclass(frozen=True, slots=True)
+class SolvingThere:
+    """What a worker of a cluster solves with.
+
+    Attributes
+    ----------
+    catalog : bytes
+        The service's catalogs as a pickle: names of files, which may lie elsewhere on the worker.
+    catalogs : str
+        What decides of catalogs and version, to compare with the worker's own.
+    limits : Limits
+        What a solving process may take there.
+    """
+
+    catalog: bytes
+    catalogs: str
+    limits: Limits
+
+
+@dataclass(frozen=True, slots=True)
+class ClusterSetup:
+    """First of all to the process that speaks with a cluster.
+
+    Attributes
+    ----------
+    scheduler : str
+    resource : str or None
+        That a worker must have.
+    given : SolvingThere
+        What workers solve with.
+    """
+
+    scheduler: str
+    resource: str | None
+    given: SolvingThere
+
+
+@dataclass(frozen=True, slots=True)
+class ClusterTask:
+    """A frame for the cluster, whose pixels lie in the file that comes along.
+
+    Attributes
+    ----------
+    most_s : float
+        What it may take there, reading included.
+    """
+
+    number: int
+    task: Task
+    most_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Forget:
+    """Nobody waits for the frame of that number any more."""
+
+    number: int
 
 
 def packed(message: object) -> bytes:

@@ -15,10 +15,6 @@ import gc
 import mmap
 import os
 import select
-import signal
-import socket
-import sys
-import threading
 import time
 import traceback
 from dataclasses import replace
@@ -28,6 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from api.solver.attached import attached
 from api.solver.limits import allow_cpu_s, own_memory_mb
 from api.solver.messages import Done, Fault, Read, Ready, Setup, SharedPixels, Task, receive, send
 from mountnav.catalog.stars import Catalog
@@ -263,19 +260,6 @@ def _frame(source: SharedPixels, file: int) -> Frame:
     return replace(source.frame, pixels=np.frombuffer(mapped, dtype=source.dtype).reshape(source.shape))
 
 
-def end_with(link: socket.socket) -> None:
-    """End this process at once when the other end of its socket is closed, whatever it is doing."""
-    hung_up = select.poll()
-    hung_up.register(link, 0)  # a hang-up is told in any case, and nothing else is wanted
-
-    def watch() -> None:
-        while not hung_up.poll():
-            pass
-        os._exit(0)
-
-    threading.Thread(target=watch, name="watch", daemon=True).start()
-
-
 def sendable(error: Exception) -> Fault:
     """The error as it can be sent: with its way through the code as a note."""
     told = "".join(traceback.format_exception(error))
@@ -330,15 +314,6 @@ def _grown_mb(at_first_mb: float) -> float:
         gc.collect()
         _give_back()
     return max(0.0, own_memory_mb() - at_first_mb)
-
-
-def attached() -> socket.socket:
-    """The socket that this process was started with; the service alone decides when it ends."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
-    link = socket.socket(fileno=int(sys.argv[1]))
-    end_with(link)
-    return link
 
 
 def main() -> None:

@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from api.solver.blind_index import BlindIndexKeeper
+from api.solver.cluster import Cluster
 from api.solver.limits import Limits
 from api.solver.link import Upload, Work
+from api.solver.pool import Pool
 from api.solver.worker import Tell, Worker
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint
@@ -22,6 +24,8 @@ from mountnav.tasks import begun
 
 if TYPE_CHECKING:
     from mountnav.identification.blind.index import BlindIndex
+    from mountnav.navigation.equipment import Solve
+    from mountnav.settings.solver import SolverSettings
 
 UPLOADS_AT_ONCE = 2
 """Without a worker, in threads; looks never wait for uploads."""
@@ -52,6 +56,8 @@ class Solver:
         of looks.
     uploads_wait : bool
         Keep the process for uploads warm from the beginning: programs wait for it each time.
+    engine : SolverSettings, optional
+        Where frames are solved; by one process for looks and one for uploads if left out.
     """
 
     def __init__(
@@ -64,10 +70,18 @@ class Solver:
         limits: Limits | None = None,
         looks: bool = True,
         uploads_wait: bool = False,
+        engine: SolverSettings | None = None,
     ) -> None:
         self._uploads_wait = uploads_wait
         self._build_early = build_early
         self.blind_index = BlindIndexKeeper(catalog, tell)
+        self.pool: Pool | None = None
+        self.cluster: Cluster | None = None
+        if engine is not None and engine.engine != "process":
+            self.pool = Pool(catalog, tell, size=engine.workers, limits=limits)
+            worker = False
+            if engine.engine == "dask":
+                self.cluster = Cluster(catalog, tell, settings=engine, pool=self.pool, limits=limits)
         self.worker = Worker(catalog, tell, limits=limits) if worker and looks else None
         self.uploads: Worker | None = None
         if worker and not looks:
@@ -86,8 +100,30 @@ class Solver:
     @property
     def state(self) -> str:
         """Of the worker: "starting", "ready", "solving", "failed: ..."; "in this process" without one."""
+        if self.pool is not None:
+            return self.pool.state
         first = self.worker or self.uploads
         return "in this process" if first is None else first.state
+
+    @property
+    def engine(self) -> str:
+        """For people and programs: "process", "pool: 1 of 4 processes, ...", "dask: 3 workers"."""
+        if self.cluster is not None:
+            return f"dask: {self.cluster.state}"
+        return "process" if self.pool is None else f"pool: {self.pool.told}"
+
+    @property
+    def concern(self) -> str | None:
+        """What an operator should look into, though frames are solved."""
+        return None if self.cluster is None else self.cluster.concern
+
+    def of(self, owner: str) -> Solve:
+        """The solver for the looks of one telescope, which shares it evenly with the others."""
+
+        async def solve(frame: Frame, hint: Hint, settings: SolveSettings) -> Verdict:
+            return await self._solved(Work(frame, hint, settings), first=True, owner=owner)
+
+        return solve
 
     def open(self) -> None:
         """Begin to get ready, in the background."""
@@ -100,6 +136,10 @@ class Solver:
         if self._opening is not None:
             await asyncio.gather(self._opening, return_exceptions=True)
         await self.blind_index.close()
+        if self.cluster is not None:
+            await self.cluster.close()
+        if self.pool is not None:
+            await self.pool.close()
         for worker in (self.worker, self.uploads):
             if worker is not None:
                 await worker.close()
@@ -108,15 +148,22 @@ class Solver:
         """Solve a look's frame, before any upload that waits."""
         return await self._solved(Work(frame, hint, settings), first=True)
 
-    async def solve_upload(self, upload: Upload, hint: Hint | None, settings: SolveSettings) -> Verdict:
+    async def solve_upload(
+        self, upload: Upload, hint: Hint | None, settings: SolveSettings, *, owner: str = ""
+    ) -> Verdict:
         """Solve an upload, once it is its turn.
+
+        Parameters
+        ----------
+        owner : str
+            Who sent it: a pool is shared evenly.
 
         Raises
         ------
         BadFrame
             It is no usable image.
         """
-        return await self._solved(Work(upload, hint, settings), first=False)
+        return await self._solved(Work(upload, hint, settings), first=False, owner=owner)
 
     async def read_upload(self, upload: Upload) -> Frame:
         """Read an upload, raw, where it can do no harm.
@@ -126,18 +173,20 @@ class Solver:
         BadFrame
             It is no usable image.
         """
+        if self.pool is not None:
+            return await self.pool.read(upload)
         if self.uploads is not None:
             return await self.uploads.read(upload)
         return await asyncio.to_thread(_read, os.dup(upload.file), upload.name)
 
-    async def _solved(self, work: Work, *, first: bool) -> Verdict:
+    async def _solved(self, work: Work, *, first: bool, owner: str = "") -> Verdict:
         """Solve; wait for the index only if the frame needs it, and no longer than the budget."""
         self.open()
         assert self._opening is not None
         await asyncio.wait({self._opening})
         settings = work.settings
         if settings.blind == "never":
-            return await self._carried_out(work, first=first)
+            return await self._carried_out(work, first=first, owner=owner)
         began = time.monotonic()
         index = self.blind_index.path
         if index is None and settings.blind == "only":
@@ -145,16 +194,20 @@ class Solver:
         if index is None and self.blind_index.may_come:
             # once in an installation's life: half of the time stays for the index and what it finds
             work = replace(work, settings=replace(settings, budget_s=0.5 * settings.budget_s))
-        verdict = await self._carried_out(replace(work, index=index), first=first)
+        verdict = await self._carried_out(replace(work, index=index), first=first, owner=owner)
         if index is not None or verdict.reason is None or not verdict.reason.whole_sky_may_help:
             return verdict
         index = await self.blind_index.wait(settings.budget_s - (time.monotonic() - began))
         if index is None:
             told = f"the whole sky was not searched: the blind index is {self.blind_index.state}"
             return replace(verdict, notes=(*verdict.notes, told))
-        return await self._carried_out(replace(work, index=index), first=first)
+        return await self._carried_out(replace(work, index=index), first=first, owner=owner)
 
-    async def _carried_out(self, work: Work, *, first: bool) -> Verdict:
+    async def _carried_out(self, work: Work, *, first: bool, owner: str) -> Verdict:
+        if self.cluster is not None and first:
+            return await self.cluster.solve(work, owner=owner)
+        if self.pool is not None:
+            return await self.pool.solve(work, first=first, owner=owner)
         worker = self.worker if first else self.uploads
         if worker is None:
             return await self._threads.solve(work, first=first)
@@ -165,6 +218,10 @@ class Solver:
         first = self.worker or self.uploads
         if first is not None:
             first.open(self.blind_index.path)
+        if self.pool is not None:
+            self.pool.open(self.blind_index.path)
+        if self.cluster is not None:
+            self.cluster.open()
         if self.uploads is not None and self._uploads_wait:
             self.uploads.open(self.blind_index.path)
         if self._build_early:

@@ -128,6 +128,17 @@ class Worker:
         self._warm: _Warm | None = None
         self._runner: asyncio.Task[None] | None = None
         self._state = "not started"
+        self._at_rest = asyncio.Event()
+        self._at_rest.set()
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether nothing is in hand: no frame, and no process that is ended or started."""
+        return self._at_rest.is_set()
+
+    async def at_rest(self) -> None:
+        """Wait until nothing is in hand."""
+        await self._at_rest.wait()
 
     @property
     def state(self) -> str:
@@ -143,6 +154,8 @@ class Worker:
         """Start the process in the background, with the index that is known to exist. Twice is fine."""
         self._index = index
         if self._runner is None:
+            if self._idle_s is None:
+                self._at_rest.clear()
             self._runner = begun(self._run(), "solver", died=self._died)
 
     async def close(self) -> None:
@@ -204,31 +217,42 @@ class Worker:
 
     async def _run(self) -> None:
         if self._idle_s is None:
-            await self._started_or_told()
+            try:
+                await self._started_or_told()
+            finally:
+                self._at_rest.set()
         while True:
             request = await self._next()
             if request.answer.done():
                 continue  # its caller left while it waited
+            self._at_rest.clear()
             try:
-                answer = await self._carried_out(request)
-            except asyncio.CancelledError:
-                _refuse(request)
-                raise
-            except Exception as error:  # it belongs to the one who asked
-                if not request.answer.done():
-                    request.answer.set_exception(error)
-                elif not isinstance(error, MountnavError):
-                    # nobody else would ever hear of it; what is said of a frame concerns who asked alone
-                    _log.error("a frame that nobody waits for any more hit a fault", exc_info=error)
-            else:
-                if not request.answer.done() and answer is not None:
-                    request.answer.set_result(answer)
-            if self._grown_mb > GROWN_MB:
-                _log.warning("the solver holds %.0f MB more than it should: replaced", self._grown_mb)
-                self._tell("solver", {"state": f"replaced: it holds {self._grown_mb:.0f} MB too much"})
-                await self._drop()
-            if self._warm is None:
-                await self._started_or_told()
+                await self._done_with(request)
+            finally:
+                self._at_rest.set()
+
+    async def _done_with(self, request: _Request) -> None:
+        """Answer a request, and be ready for the next one."""
+        try:
+            answer = await self._carried_out(request)
+        except asyncio.CancelledError:
+            _refuse(request)
+            raise
+        except Exception as error:  # it belongs to the one who asked
+            if not request.answer.done():
+                request.answer.set_exception(error)
+            elif not isinstance(error, MountnavError):
+                # nobody else would ever hear of it; what is said of a frame concerns who asked alone
+                _log.error("a frame that nobody waits for any more hit a fault", exc_info=error)
+        else:
+            if not request.answer.done() and answer is not None:
+                request.answer.set_result(answer)
+        if self._grown_mb > GROWN_MB:
+            _log.warning("the solver holds %.0f MB more than it should: replaced", self._grown_mb)
+            self._tell("solver", {"state": f"replaced: it holds {self._grown_mb:.0f} MB too much"})
+            await self._drop()
+        if self._warm is None:
+            await self._started_or_told()
 
     async def _started_or_told(self) -> None:
         """Start the process; what hinders it is reported, and tried again by the next frame."""

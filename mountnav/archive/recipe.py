@@ -103,6 +103,26 @@ def recipe_of(
     BadRequest
         A catalog is online: what it answers may differ from day to day.
     """
+    decides = {
+        **of_catalogs(catalog),
+        "index": index,
+        "masters": dict(masters),
+        "settings": plain(dataclasses.replace(settings, calibration=None, index=None)),
+        "hint": plain(hint),
+        "deadline_s": deadline_s,
+        "pairs": pairs,
+    }
+    return Recipe(decides, dict(options))
+
+
+def of_catalogs(catalog: CatalogSet) -> dict[str, Any]:
+    """What catalogs, and the version of mountnav, decide of a result.
+
+    Raises
+    ------
+    BadRequest
+        A catalog is online: what it answers may differ from day to day.
+    """
     if catalog.online or not all(isinstance(one, PackedStore) for one in catalog.stores):
         raise BadRequest(
             "the settings name an online catalog, whose answers may differ from day to day",
@@ -114,19 +134,12 @@ def recipe_of(
         raise BadRequest(
             "magnitudes are taken from an online catalog", advice="take them from one that is here"
         )
-    decides = {
+    return {
         "mountnav": version(),
         "catalogs": {one.name: one.header.sections_sha256 for one in stores},
         "usable": [one.name for one in catalog.usable],
         "magnitudes": None if magnitudes is None else magnitudes.header.sections_sha256,
-        "index": index,
-        "masters": dict(masters),
-        "settings": plain(dataclasses.replace(settings, calibration=None, index=None)),
-        "hint": plain(hint),
-        "deadline_s": deadline_s,
-        "pairs": pairs,
     }
-    return Recipe(decides, dict(options))
 
 
 def begin_run(folder: Folder, recipe: Recipe) -> tuple[RunFolder, bool]:

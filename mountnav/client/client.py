@@ -96,6 +96,7 @@ class Calls:
     next_panel = Call(requests.next_panel)
     stop = Call(requests.stop)
     stop_all = Call(requests.stop_all)
+    reload = Call(requests.reload)
 
 
 _BEATS = 4

@@ -21,6 +21,7 @@ from mountnav.client.results import (
     Job,
     LeaseState,
     NextPanel,
+    Reloaded,
     SkyObject,
     StopAll,
     Stopped,
@@ -304,6 +305,11 @@ def stop(telescope_id: str) -> Request[Stopped]:
 def stop_all() -> Request[StopAll]:
     """Stop all telescopes now."""
     return Request("POST", "/v1/stop")
+
+
+def reload() -> Request[Reloaded]:
+    """Have the service read its settings again: telescopes are added, changed and taken out."""
+    return Request("POST", "/v1/reload")
 
 
 # -- leases ----------------------------------------------------------------------------------------

@@ -202,6 +202,16 @@ class StopAll(TypedDict):
     telescopes: list[dict[str, Any]]
 
 
+class Reloaded(TypedDict):
+    """Ids of telescopes by what reading the settings again has done, and tables that need a restart."""
+
+    added: list[str]
+    changed: list[str]
+    removed: list[str]
+    untouched: list[str]
+    needs_restart: list[str]
+
+
 class LeaseState(TypedDict):
     """Who holds a telescope."""
 

@@ -53,6 +53,10 @@ class JobStore:
         self._reader = reader
         self._telescopes = telescopes
 
+    def know(self, telescopes: frozenset[str]) -> None:
+        """These are this service's from now on."""
+        self._telescopes = telescopes
+
     async def save(self, row: JobRow) -> None:
         """Keep it; on the disk on return. Raises `JournalFailed`."""
         await self._journal.save_job(row)

@@ -28,6 +28,7 @@ from mountnav.settings.journal import JournalSettings
 from mountnav.settings.report import ReportSettings
 from mountnav.settings.section import Section
 from mountnav.settings.service import ServiceSettings
+from mountnav.settings.solver import SolverSettings
 from mountnav.settings.solving import SolvingSettings
 from mountnav.settings.telescope import TelescopeSettings
 from mountnav.sky.coordinates import Air, Site
@@ -93,6 +94,7 @@ class Settings(Section):
     site: SiteSettings
     air: AirSettings = AirSettings()
     solving: SolvingSettings = SolvingSettings()
+    solver: SolverSettings = SolverSettings()
     catalogs: CatalogsSettings = CatalogsSettings()
     ephemerides: EphemeridesSettings = EphemeridesSettings()
     journal: JournalSettings = JournalSettings()
@@ -128,6 +130,16 @@ class Settings(Section):
     def _virtual_time_has_no_hardware(self) -> Self:
         if self.demo is not None:
             self.demo.require_no_hardware(self.telescope)
+        return self
+
+    @model_validator(mode="after")
+    def _engines_are_processes(self) -> Self:
+        if self.solver.engine != "process" and not self.solving.worker:
+            raise PydanticCustomError(
+                "engine_without_processes",
+                "solver.engine = {engine} solves in processes, and solving.worker = false wants none",
+                {"engine": repr(self.solver.engine), "key": "engine", "fix": "remove one of the two"},
+            )
         return self
 
     @model_validator(mode="after")

@@ -43,6 +43,7 @@ async def get_health(service: TheService) -> HealthView:
         version=__version__,
         telescopes={telescope.id: telescope.is_open for telescope in service.observatory.telescopes},
         solver=service.solver.state,
+        solver_engine=service.solver.engine,
         journal=service.journal.problem or "ok",
         blind_index=service.solver.blind_index.state,
         earth_rotation=EarthRotationView(

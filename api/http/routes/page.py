@@ -65,8 +65,8 @@ class _Asset:
 
 
 @cache
-def _assets() -> dict[str, _Asset]:
-    """All files of the page by their path; read once, so that no path of a request ever reaches a disk."""
+def _assets(package: str) -> dict[str, _Asset]:
+    """All files of a page by their path; read once, so that no path of a request ever reaches a disk."""
     found: dict[str, _Asset] = {}
 
     def gather(folder: Traversable, path: str) -> None:
@@ -81,30 +81,31 @@ def _assets() -> dict[str, _Asset]:
                 packed = gzip.compress(content, 9, mtime=0)
                 found[f"{path}{file.name}"] = _Asset(content, packed, media_type, digest)
 
-    gather(files("api").joinpath("web"), "")
+    gather(files(package).joinpath("web"), "")
     return found
 
 
 @router.api_route("/", methods=["GET", "HEAD"])
 def get_page(if_none_match: IfNoneMatch = None, accepted: Encodings = "") -> Response:
     """The page itself."""
-    return _answer("index.html", if_none_match, accepted)
+    return asset_answer("api", "index.html", if_none_match, accepted)
 
 
 @router.api_route("/web/{path:path}", methods=["GET", "HEAD"], responses=responses(404))
 def get_asset(path: str, if_none_match: IfNoneMatch = None, accepted: Encodings = "") -> Response:
     """One of its files."""
-    return _answer(path, if_none_match, accepted)
+    return asset_answer("api", path, if_none_match, accepted)
 
 
 @router.api_route("/favicon.ico", methods=["GET", "HEAD"])
 def get_icon(if_none_match: IfNoneMatch = None, accepted: Encodings = "") -> Response:
     """The icon where browsers look for one."""
-    return _answer("icon.svg", if_none_match, accepted)
+    return asset_answer("api", "icon.svg", if_none_match, accepted)
 
 
-def _answer(path: str, if_none_match: str | None, accepted: str) -> Response:
-    asset = _assets().get(path)
+def asset_answer(package: str, path: str, if_none_match: str | None, accepted: str) -> Response:
+    """A file of the page in a package's folder ``web``. Raises `NotFound`."""
+    asset = _assets(package).get(path)
     if asset is None:
         raise NotFound("the page has no such file", advice="GET / is the page")
     packed = _takes_gzip(accepted)
@@ -129,4 +130,4 @@ def _takes_gzip(accepted: str) -> bool:
     return False
 
 
-__all__ = ["MEDIA_TYPES", "POLICY", "router"]
+__all__ = ["MEDIA_TYPES", "POLICY", "asset_answer", "router"]

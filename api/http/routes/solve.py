@@ -94,7 +94,8 @@ async def solve_upload(
     settings = service.solve_settings(telescope)
     settings = replace(settings, blind=blind or settings.blind, budget_s=budget_s or settings.budget_s)
     async with received(request, int(service.settings.service.max_upload_mb * 1e6)) as upload:
-        verdict = await _unless_gone(request, service.solver.solve_upload(upload, hint, settings))
+        solving = service.solver.solve_upload(upload, hint, settings, owner=caller.name)
+        verdict = await _unless_gone(request, solving)
     if verdict.reason is Reason.BAD_FRAME:
         raise BadFrame(verdict.detail or str(verdict.reason), device=upload.name)
     return solve_record(upload.name, verdict)

@@ -6,8 +6,8 @@ import os
 import time
 from pathlib import Path
 
+from api.solver.attached import attached
 from api.solver.messages import Built, Done, Fault, Progress, Setup, receive, send
-from api.solver.process import attached
 from mountnav.errors import BadSettings
 
 
