@@ -204,6 +204,25 @@ def again(asked: _Solving) -> int:
 
 
 @archive_app.command()
+def learn(archive: Where, run: Run = None) -> None:
+    """Begin another run that knows the scales of cameras, as the finished chunks of this one have them.
+
+    What was learned is a part of the new run's recipe. A frame that isn't found at the scale of its camera is
+    solved as without it. Exit code 0 if something was learned, 1 if not: then no run is begun.
+    """
+    from api.archive.chosen import taught
+    from api.cli.archive_showing import learned_words
+
+    folder, run_folder = _opened(archive, run)
+    new, found = taught(folder, run_folder)
+    sys.stdout.write("".join(f"{learned_words(one)}\n" for one in found))
+    if new is None:
+        _say("nothing was learned, so no run was begun: solve some chunks of each camera first")
+        raise typer.Exit(1)
+    _say(f"run {new.name}")
+
+
+@archive_app.command()
 def work(
     archive: Where,
     chunk: Annotated[
