@@ -384,6 +384,33 @@ def write_wcs(
     _say(f"{write_headers(run_folder, out, kind)} headers in {out}")
 
 
+@archive_app.command("stars")
+def write_stars_of(
+    archive: Where,
+    out: Annotated[Path, typer.Option("--out", "-o", help="New file to write, .parquet or .fits.")],
+    names: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--names",
+            help="File of Gaia's or Tycho-2's stars, whose names are joined by place; the first that knows a "
+            "star names it. May be repeated.",
+        ),
+    ] = None,
+    within: Annotated[
+        float, typer.Option(min=0.01, max=60.0, help="Arcseconds that a star may be off its place there.")
+    ] = 1.0,
+    run: Run = None,
+) -> None:
+    """Write a light table of all identified stars, with units and UCDs, for VO tools; of a run of --pairs."""
+    from api.archive.star_table import checked_names, write_stars
+    from mountnav.archive.identifiers import named_stars
+
+    _, run_folder = _opened(archive, run)
+    checked_names(names or [])
+    stars, known = write_stars(run_folder, out, [named_stars(path) for path in names or []], within)
+    _say(f"{out}: {stars} stars, {known} with a name")
+
+
 def _opened(archive: Path, run: str | None) -> tuple[Folder, RunFolder]:
     from mountnav.archive.folder import Folder
 
