@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -155,7 +156,13 @@ def solve(
 
 
 def solve_stars(
-    stars: StarList, catalog: Catalog, *, hint: Hint | None = None, settings: SolveSettings | None = None
+    stars: StarList,
+    catalog: Catalog,
+    *,
+    hint: Hint | None = None,
+    settings: SolveSettings | None = None,
+    mid_exposure_utc: datetime | None = None,
+    tried: int = 0,
 ) -> Verdict:
     """Find out where a frame was taken whose stars somebody else has measured.
 
@@ -163,6 +170,10 @@ def solve_stars(
     ----------
     hint : Hint, optional
         Goes before what the list's header says.
+    mid_exposure_utc : datetime, optional
+        When the stars were taken, where that is known.
+    tried : int
+        Hypotheses that were tried for the same frame before: the odds count them.
 
     Returns
     -------
@@ -172,8 +183,9 @@ def solve_stars(
     """
     # a frame of the list's size that takes no memory: nothing looks at its pixels
     nothing = np.broadcast_to(np.zeros((), np.uint8), (stars.height_px, stars.width_px))
-    frame = Frame(pixels=nothing, hint=stars.hint, source=stars.source)
+    frame = Frame(nothing, mid_exposure_utc, hint=stars.hint, source=stars.source)
     job = replace(_job(frame, catalog, hint, settings or SolveSettings()), light=False)
+    job = replace(job, reach=replace(job.reach, tried=tried))
     nowhere = without_place(job.believed, job.reach)
     if nowhere is not None:
         return _unplaced(job, nowhere)

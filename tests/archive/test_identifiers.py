@@ -45,9 +45,10 @@ def test_a_line_of_tycho_2_is_read_with_its_number_and_place(tmp_path: Path) -> 
 
 def test_fast_stars_are_found_where_they_have_gone(tmp_path: Path) -> None:
     # Barnard's star as Gaia DR3 has it, and two that stand still: near its place of 2016 and that of 2026
+    near_deg = 269.4485025 + 0.5 / 3600
     table = {
         "source_id": [4472832130942575872, 1, 2],
-        "ra": [269.4485025, 269.4485025 + 0.5 / 3600, 269.446],
+        "ra": [269.4485025, near_deg, 269.446],
         "dec": [4.7394201, 4.7394201, 4.7681],
         "pmra": [-801.551, 0.0, 0.0],
         "pmdec": [10362.394, 0.0, 0.0],
@@ -56,9 +57,7 @@ def test_fast_stars_are_found_where_they_have_gone(tmp_path: Path) -> None:
     pq.write_table(pa.table(table), tmp_path / "gaia.parquet")
     stars = named_stars(tmp_path / "gaia.parquet")
     there = 269.4485025 - 0.801551 * 10 / 3600 / np.cos(np.radians(4.7394)), 4.7394201 + 10.362394 * 10 / 3600
-    names, _ = stars.named(
-        np.array([there[0], table["ra"][1]]), np.array([there[1], table["dec"][1]]), 2026.0
-    )
+    names, _ = stars.named(np.array([there[0], near_deg]), np.array([there[1], 4.7394201]), 2026.0)
     assert names == ["Gaia DR3 4472832130942575872", "Gaia DR3 1"]
 
 

@@ -26,7 +26,7 @@ def _chunk(run: RunFolder, number: int, scales: list[float], **more: object) -> 
         | more
         for at, (row, scale) in enumerate(zip(rows, scales, strict=True))
     ]
-    write_table(run.chunk(number) / "solutions.parquet", SOLUTION_TABLE, solved)  # type: ignore[arg-type]
+    write_table(run.chunk(number) / "solutions.parquet", SOLUTION_TABLE, solved)
 
 
 def test_a_scale_is_learned_of_frames_that_agree(tmp_path: Path) -> None:

@@ -137,8 +137,9 @@ def test_stars_go_to_virtual_observatory_tools_with_names_units_and_ucds(
     archive: Path, tmp_path: Path
 ) -> None:
     pairs = [row for row in _rows(archive, "pairs.parquet") if row["number"] == 0]
+    numbers = list(range(100, 100 + len(pairs)))
     named = {
-        "source_id": list(range(100, 100 + len(pairs))),
+        "source_id": numbers,
         "ra": [row["ra_deg"] for row in pairs],
         "dec": [row["dec_deg"] for row in pairs],
         "ref_epoch": [2016.0] * len(pairs),
@@ -160,7 +161,7 @@ def test_stars_go_to_virtual_observatory_tools_with_names_units_and_ucds(
     assert by_astropy["ra_deg"].meta["ucd"] == "pos.eq.ra;meta.main"
     for names in (parquet["name"].to_pylist(), of_fits["name"]):
         assert len(names) == total
-        assert set(map(str, names[: len(pairs)])) == {f"Gaia DR3 {at}" for at in named["source_id"]}
+        assert set(map(str, names[: len(pairs)])) == {f"Gaia DR3 {at}" for at in numbers}
     for name in ("mag", "x_px", "epoch_yr"):
         assert of_fits[name].tolist() == parquet[name].to_pylist()
     header = fits.getheader(tmp_path / "stars.fits", 1)
