@@ -268,6 +268,27 @@ fill results."""
 
 
 @dataclass(frozen=True, slots=True)
+class PriorPart:
+    """What was assumed of a frame from others of its camera.
+
+    Attributes
+    ----------
+    frames : int
+        From how many of them.
+    scale_low_arcsec_px, scale_high_arcsec_px : float
+        Between these the scale was sought first.
+    held : bool
+        The frame was solved so, and the odds are those of these scales alone; else it was solved, or not, as
+        without any assumption, and the odds count what was tried in vain.
+    """
+
+    frames: int
+    scale_low_arcsec_px: float
+    scale_high_arcsec_px: float
+    held: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Verdict:
     """Solved (`solution` set) or not (`reason` set).
 
@@ -291,6 +312,8 @@ class Verdict:
         Their brightness, in the unit of the frame; NaN where a list of stars doesn't tell it.
     origin : Origin or None
         What the file's header says of where it comes from; None where no file was read.
+    prior : PriorPart or None
+        What was assumed from other frames of the same camera; None where nothing was.
     """
 
     solution: Solution | None
@@ -307,6 +330,7 @@ class Verdict:
         default_factory=lambda: np.zeros(0, dtype=np.float32), compare=False, repr=False
     )
     origin: Origin | None = field(default=None, compare=False)
+    prior: PriorPart | None = None
 
     @property
     def solved(self) -> bool:

@@ -11,13 +11,15 @@ from api.solver.hints import asked_hint
 from api.solver.shelf import chosen_shelf
 from api.solver.solve_settings import Blind, chosen_settings
 from api.solver.worker import MARGIN_S
-from mountnav.archive.folder import RunFolder
-from mountnav.archive.recipe import Recipe, recipe_in, recipe_of
+from mountnav.archive.folder import Folder, RunFolder
+from mountnav.archive.learning import Learned, learned
+from mountnav.archive.recipe import Recipe, begin_run, recipe_in, recipe_of
 from mountnav.archive.tables import sha256_of
 from mountnav.catalog.catalog_set import CatalogSet
 from mountnav.errors import BadRequest
 from mountnav.frames import Hint
 from mountnav.identification.budget import wall_limit_s
+from mountnav.solving.priors import CameraPrior
 from mountnav.solving.settings import SolveSettings
 
 LEAST_DEADLINE_S = 1.0
@@ -35,6 +37,10 @@ class RunOptions:
         and reading and measuring besides.
     undated_utc : str
         ISO date that frames without one are taken for.
+    priors : tuple of CameraPrior
+        Scales of cameras that were learned.
+    learned_run, learned_chunks : str, tuple of int
+        From which finished chunks of which recipe (its hash).
     """
 
     config: str | None = None
@@ -52,6 +58,9 @@ class RunOptions:
     deadline_s: float | None = None
     undated_utc: str = ""
     pairs: bool = False
+    priors: tuple[CameraPrior, ...] = ()
+    learned_run: str = ""
+    learned_chunks: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +105,7 @@ def prepared(options: RunOptions) -> Prepared:
         calibration=masters,
         blind=options.blind,
     )
-    settings = replace(settings, undated_utc=_date(options.undated_utc))
+    settings = replace(settings, undated_utc=_date(options.undated_utc), priors=options.priors)
     catalog = chosen_shelf(config, options.catalog)
     hint = asked_hint(
         options.ra_deg,
@@ -122,6 +131,7 @@ def prepared(options: RunOptions) -> Prepared:
         pairs=options.pairs,
         index=index,
         masters={} if masters is None else _hashes(masters),
+        learned={"run": options.learned_run, "chunks": list(options.learned_chunks)},
         options=asdict(options),
     )
     return Prepared(catalog, settings, hint, deadline_s, recipe)
@@ -146,9 +156,37 @@ def prepared_for(run: RunFolder) -> Prepared:
 def options_of(recipe: Recipe) -> RunOptions:
     """The options that a recipe was made of. Raises `BadRequest`."""
     try:
-        return RunOptions(**recipe.options)
+        told = RunOptions(**recipe.options)
+        priors = tuple(CameraPrior(**one) for one in recipe.options.get("priors", ()))
+        return replace(told, priors=priors, learned_chunks=tuple(told.learned_chunks))
     except TypeError as fault:
         raise BadRequest(f"the recipe's options are of another mountnav: {fault}") from fault
+
+
+def taught(folder: Folder, run: RunFolder) -> tuple[RunFolder | None, list[Learned]]:
+    """Begin a run like another one, with what the finished chunks of that one teach of cameras.
+
+    Returns
+    -------
+    run : RunFolder or None
+        None where nothing was learned.
+    learned : list of Learned
+        All cameras, those that taught nothing too.
+
+    Raises
+    ------
+    BadSettings, BadRequest, OSError
+    """
+    chunks = sorted(run.done())
+    found = learned(run, chunks)
+    priors = tuple(one.prior for one in found if one.prior is not None)
+    if not priors:
+        return None, found
+    recipe = recipe_in(run)
+    options = replace(
+        options_of(recipe), priors=priors, learned_run=recipe.hash, learned_chunks=tuple(chunks)
+    )
+    return begin_run(folder, prepared(options).recipe)[0], found
 
 
 def _date(text: str) -> datetime | None:

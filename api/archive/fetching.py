@@ -25,6 +25,10 @@ as much of a disk."""
 _PIECE_BYTES = 1 << 22
 """Read at a time; for speed alone."""
 
+_HASHED_BYTES = 1 << 18
+"""Hashed at a time, in memory that stays in the processor's cache: for speed alone. Four times as much, fresh
+for each piece, cost a third more."""
+
 LISTED_S = 300.0
 """Until a server has to have listed what fits a pattern. Doubled, one that hangs is noticed twice as late."""
 
@@ -75,9 +79,10 @@ def fetched(file: str, timeout_s: float) -> Fetched:
     try:
         sha256 = hashlib.sha256()
         size = 0
-        while piece := opened.read(_PIECE_BYTES):
-            sha256.update(piece)
-            size += len(piece)
+        piece = memoryview(bytearray(_HASHED_BYTES))
+        while count := opened.readinto(piece):
+            sha256.update(piece[:count])
+            size += count
         os.lseek(opened.fileno(), 0, os.SEEK_SET)
         return Fetched(opened, sha256.hexdigest(), size)
     except BaseException:

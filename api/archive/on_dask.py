@@ -40,6 +40,10 @@ CONNECT_S = 30.0
 """Until a scheduler has to answer. Doubled, a wrong address is noticed twice as late."""
 
 
+_LOGGERS = ("distributed", "distributed.client")
+"""Dask's own, whose levels its configuration sets one by one."""
+
+
 def solve_on_dask(
     folder: Folder,
     run: RunFolder,
@@ -116,13 +120,19 @@ def solve_on_dask(
             if (following := next(waiting, None)) is not None:
                 running.add(submitted(following))
         if fault is not None:
-            raise _told(fault) from fault
+            raise _told(fault, scheduler) from fault
+        if progress.chunks + progress.left < len(wanted):
+            raise _gone(scheduler)  # what was asked for was forgotten
     return progress
 
 
 @contextmanager
 def _client(kind: type[Client], jobs: int, scheduler: str | None) -> Iterator[Client]:
     """A client, and where no scheduler is named a cluster of its own."""
+    # what concerns the user is told by us, in a line; Dask tells a lost line in a hundred
+    before = [(logger, logger.level) for logger in map(logging.getLogger, _LOGGERS)]
+    for logger, _ in before:
+        logger.setLevel(logging.CRITICAL)
     try:
         if scheduler is not None:
             with kind(scheduler, timeout=CONNECT_S, set_as_default=False) as client:
@@ -146,6 +156,9 @@ def _client(kind: type[Client], jobs: int, scheduler: str | None) -> Iterator[Cl
             device=scheduler or "Dask",
             advice="is it running, with workers? then give the same command again: nothing is lost",
         ) from fault
+    finally:
+        for logger, level in before:
+            logger.setLevel(level)
 
 
 def _dashboard() -> bool:
@@ -153,9 +166,23 @@ def _dashboard() -> bool:
     return find_spec("bokeh") is not None
 
 
-def _told(fault: BaseException) -> MountnavError:
+def _gone(scheduler: str | None) -> DeviceMissing:
+    return DeviceMissing(
+        "the scheduler went away",
+        device=scheduler or "Dask",
+        advice="start it and its workers, and give the same command again: finished chunks are in the store",
+    )
+
+
+def _told(fault: BaseException, scheduler: str | None) -> MountnavError:
+    from distributed.client import FutureCancelledError
+    from distributed.comm import CommClosedError
+
     if isinstance(fault, MountnavError):
         return fault
+    # a lost line is an OSError, too; that of a worker's disk has a number
+    if isinstance(fault, CommClosedError | FutureCancelledError):
+        return _gone(scheduler)
     kind = type(fault).__name__
     if isinstance(fault, OSError):
         return StoreFailed(

@@ -204,6 +204,25 @@ def again(asked: _Solving) -> int:
 
 
 @archive_app.command()
+def learn(archive: Where, run: Run = None) -> None:
+    """Begin another run that knows the scales of cameras, as the finished chunks of this one have them.
+
+    What was learned is a part of the new run's recipe. A frame that isn't found at the scale of its camera is
+    solved as without it. Exit code 0 if something was learned, 1 if not: then no run is begun.
+    """
+    from api.archive.chosen import taught
+    from api.cli.archive_showing import learned_words
+
+    folder, run_folder = _opened(archive, run)
+    new, found = taught(folder, run_folder)
+    sys.stdout.write("".join(f"{learned_words(one)}\n" for one in found))
+    if new is None:
+        _say("nothing was learned, so no run was begun: solve some chunks of each camera first")
+        raise typer.Exit(1)
+    _say(f"run {new.name}")
+
+
+@archive_app.command()
 def work(
     archive: Where,
     chunk: Annotated[
@@ -363,6 +382,33 @@ def write_wcs(
 
     _, run_folder = _opened(archive, run)
     _say(f"{write_headers(run_folder, out, kind)} headers in {out}")
+
+
+@archive_app.command("stars")
+def write_stars_of(
+    archive: Where,
+    out: Annotated[Path, typer.Option("--out", "-o", help="New file to write, .parquet or .fits.")],
+    names: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--names",
+            help="File of Gaia's or Tycho-2's stars, whose names are joined by place; the first that knows a "
+            "star names it. May be repeated.",
+        ),
+    ] = None,
+    within: Annotated[
+        float, typer.Option(min=0.01, max=60.0, help="Arcseconds that a star may be off its place there.")
+    ] = 1.0,
+    run: Run = None,
+) -> None:
+    """Write a light table of all identified stars, with units and UCDs, for VO tools; of a run of --pairs."""
+    from api.archive.star_table import checked_names, write_stars
+    from mountnav.archive.identifiers import named_stars
+
+    _, run_folder = _opened(archive, run)
+    checked_names(names or [])
+    stars, known = write_stars(run_folder, out, [named_stars(path) for path in names or []], within)
+    _say(f"{out}: {stars} stars, {known} with a name")
 
 
 def _opened(archive: Path, run: str | None) -> tuple[Folder, RunFolder]:

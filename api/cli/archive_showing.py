@@ -11,6 +11,7 @@ from api.archive.solving import Progress
 from api.cli.output import print_json
 from mountnav.archive.accounting import Audit, Status, status_of
 from mountnav.archive.folder import Folder, RunFolder
+from mountnav.archive.learning import Learned
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -75,6 +76,22 @@ class Bar(AbstractContextManager["Bar"]):
             completed=counts.frames,
             description=f"{counts.solved} solved, {counts.refused} refused{aside}; {progress.chunks} chunks",
         )
+
+
+def learned_words(one: Learned) -> str:
+    """What is known of a camera, in a line."""
+    names = " on ".join(filter(None, (one.instrument, one.telescope))) or "camera without a name"
+    parity = "/".join(f"{parity:+d}" for parity in one.parities)
+    prior = one.prior
+    scale = (
+        f"not learned, {one.why}"
+        if prior is None
+        else f"{prior.scale_low_arcsec_px:g} to {prior.scale_high_arcsec_px:g} ″/px"
+    )
+    return (
+        f"{names}, {one.width_px} × {one.height_px}: {scale}; {one.frames} frames, parity {parity}, rotation "
+        f"{one.rotation_low_deg:.1f}° to {one.rotation_high_deg:.1f}°"
+    )
 
 
 def said_at_end(progress: Progress) -> str:

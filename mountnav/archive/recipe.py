@@ -87,6 +87,7 @@ def recipe_of(
     pairs: bool,
     index: str | None,
     masters: Mapping[str, str],
+    learned: Mapping[str, Any],
     options: Mapping[str, Any],
 ) -> Recipe:
     """Write down what decides.
@@ -97,6 +98,8 @@ def recipe_of(
         Name of the index of the whole sky, which tells of what stars and in what format it is.
     masters : mapping
         Names and hashes of the files of calibration.
+    learned : mapping
+        From which chunks of which run the priors of the settings come.
 
     Raises
     ------
@@ -107,6 +110,7 @@ def recipe_of(
         **of_catalogs(catalog),
         "index": index,
         "masters": dict(masters),
+        "learned": dict(learned),
         "settings": plain(dataclasses.replace(settings, calibration=None, index=None)),
         "hint": plain(hint),
         "deadline_s": deadline_s,

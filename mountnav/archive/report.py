@@ -59,6 +59,8 @@ class Report:
     ----------
     instruments, fields, years : dict
         Groups by name; "" where the header doesn't tell.
+    priors : Counter
+        Frames that were searched with a learned scale, by what came of it.
     contradictions : Counter
         Frames with a wrong hint, by what was wrong and whose word it was.
     odds : Counter
@@ -82,6 +84,7 @@ class Report:
     reasons: Counter[str] = field(default_factory=Counter)
     modes: Counter[str] = field(default_factory=Counter)
     contradictions: Counter[str] = field(default_factory=Counter)
+    priors: Counter[str] = field(default_factory=Counter)
     odds: Counter[int] = field(default_factory=Counter)
     expected_false: float = 0.0
     aside: list[dict[str, Any]] = field(default_factory=list)
@@ -122,7 +125,20 @@ def reported(folder: Folder, run: RunFolder) -> Report:
     return found
 
 
-_OF_FRAMES = ["number", "solved", "instrument", "field", "mid_exposure_utc", "contradictions", "bytes"]
+_OF_FRAMES = [
+    "number",
+    "solved",
+    "instrument",
+    "field",
+    "mid_exposure_utc",
+    "contradictions",
+    "bytes",
+    "prior",
+]
+_PRIORS = {
+    "held": "solved at the scale of their camera: the odds take that scale for granted",
+    "failed": "not found at that scale, and then treated as without it",
+}
 _NEVER = -400
 """Below the least of Python's numbers: a chance that was too small for them."""
 
@@ -132,6 +148,8 @@ def _add_frames(found: Report, rows: Iterable[Mapping[str, Any]]) -> None:
         solved = bool(row["solved"])
         wrong = _wrong(row["contradictions"])
         found.contradictions.update(wrong)
+        if row["prior"]:
+            found.priors[_PRIORS[str(row["prior"])]] += 1
         found.megabytes += (row["bytes"] or 0) / 1e6
         year = (row["mid_exposure_utc"] or "")[:4]
         for groups, name in (
@@ -198,6 +216,7 @@ def as_html(report: Report) -> str:
         _counted("Why frames were not solved", report.reasons, counts.refused + counts.set_aside),
         _counted("How frames were solved", report.modes, counts.solved),
         _counted("Headers and hints that turned out wrong", report.contradictions, counts.frames),
+        _counted("Frames for which a learned scale was tried", report.priors, counts.frames),
         _odds(report),
         _cost(report),
     ]

@@ -133,6 +133,7 @@ class ChunkWriter:
                 "field": (origin.field or None) if origin else None,
                 "mid_exposure_utc": None if said is None else f"{said:%Y-%m-%dT%H:%M:%S.%fZ}",
             }
+            | _prior_cells(verdict)
         )
         if verdict is not None and verdict.solution is not None:
             self.tables["solutions"].add(cells | number)
@@ -164,6 +165,19 @@ class ChunkWriter:
             told = f"{Reason.TIMED_OUT}: {self.budget_s:g} s of processor time were not enough"
             return {"reason_code": Reason.TIMED_OUT.name, "reason": told}
         return verdict_cells(verdict)
+
+
+def _prior_cells(verdict: Verdict | None) -> Row:
+    """What was assumed of the frame; not of one whose search ended by its time, which is chance."""
+    part = None if verdict is None or verdict.reason is Reason.TIMED_OUT else verdict.prior
+    if part is None:
+        return {}
+    return {
+        "prior": "held" if part.held else "failed",
+        "prior_frames": part.frames,
+        "prior_scale_low_arcsec_px": part.scale_low_arcsec_px,
+        "prior_scale_high_arcsec_px": part.scale_high_arcsec_px,
+    }
 
 
 TABLES: dict[str, tuple[Column, ...]] = {

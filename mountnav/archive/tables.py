@@ -47,6 +47,20 @@ LIST_COLUMNS = (
 )
 """The work list: a row for each frame that is to be solved."""
 
+PRIOR_COLUMNS = (
+    Column(
+        "prior",
+        "string",
+        "",
+        "held: solved at the scale learned of its camera, and the odds are those of that scale alone; "
+        "failed: not so, and then treated as without it; empty: nothing was assumed",
+    ),
+    Column("prior_frames", "int64", "", "frames that the scale was learned from"),
+    Column("prior_scale_low_arcsec_px", "double", "arcsec / pix", "what was assumed"),
+    Column("prior_scale_high_arcsec_px", "double", "arcsec / pix", ""),
+)
+"""What was assumed of a frame from others."""
+
 FRAME_TABLE = (
     NUMBER,
     FILE,
@@ -64,6 +78,7 @@ FRAME_TABLE = (
     Column("mid_exposure_utc", "string", "", "ISO 8601; empty where the header doesn't tell"),
     *QUALITY_COLUMNS,
     *TOLD_COLUMNS,
+    *PRIOR_COLUMNS,
 )
 """A row for each frame of the chunk, in the order of the work list."""
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.settings import MeasuringSettings
+from mountnav.solving.priors import CameraPrior
 
 if TYPE_CHECKING:
     from mountnav.identification.blind.index import BlindIndex
@@ -34,6 +35,8 @@ class SolveSettings:
         identified ones only. What a glance doesn't solve is measured in full.
     undated_utc : datetime or None
         When a frame was taken whose date nobody knows, so that its answer is the same on any day; None: now.
+    priors : tuple of CameraPrior
+        What is known of cameras from frames that were solved before.
     """
 
     measuring: MeasuringSettings = field(default_factory=MeasuringSettings)
@@ -44,3 +47,4 @@ class SolveSettings:
     blind: Literal["after", "only", "never"] = "after"
     glance: bool = True
     undated_utc: datetime | None = None
+    priors: tuple[CameraPrior, ...] = ()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +35,7 @@ from mountnav.solution import (
     ErrorBudget,
     IdentifiedPairs,
     Origin,
+    PriorPart,
     Reason,
     Solution,
     Times,
@@ -46,6 +49,7 @@ from mountnav.solving.catalog_choice import (
     with_catalog_advice,
 )
 from mountnav.solving.contradictions import contradictions_of_hints, contradictions_with
+from mountnav.solving.priors import CameraPrior, prior_of
 from mountnav.solving.settings import SolveSettings
 from mountnav.solving.special_frames import SpecialFrame, special_frame
 from mountnav.units import julian_year
@@ -148,13 +152,17 @@ def solve(
     except BadFrame as fault:
         spent_s = job.spent_s
         return Verdict(None, Reason.BAD_FRAME, str(fault), 0, Times(measure_s=spent_s, total_s=spent_s))
-    identified = _identify(job, measured)
-    fitted = _fit(job, measured, identified)
-    return _judge(job, measured, fitted)
+    return _answered(job, measured)
 
 
 def solve_stars(
-    stars: StarList, catalog: Catalog, *, hint: Hint | None = None, settings: SolveSettings | None = None
+    stars: StarList,
+    catalog: Catalog,
+    *,
+    hint: Hint | None = None,
+    settings: SolveSettings | None = None,
+    mid_exposure_utc: datetime | None = None,
+    tried: int = 0,
 ) -> Verdict:
     """Find out where a frame was taken whose stars somebody else has measured.
 
@@ -162,6 +170,10 @@ def solve_stars(
     ----------
     hint : Hint, optional
         Goes before what the list's header says.
+    mid_exposure_utc : datetime, optional
+        When the stars were taken, where that is known.
+    tried : int
+        Hypotheses that were tried for the same frame before: the odds count them.
 
     Returns
     -------
@@ -171,8 +183,9 @@ def solve_stars(
     """
     # a frame of the list's size that takes no memory: nothing looks at its pixels
     nothing = np.broadcast_to(np.zeros((), np.uint8), (stars.height_px, stars.width_px))
-    frame = Frame(pixels=nothing, hint=stars.hint, source=stars.source)
+    frame = Frame(nothing, mid_exposure_utc, hint=stars.hint, source=stars.source)
     job = replace(_job(frame, catalog, hint, settings or SolveSettings()), light=False)
+    job = replace(job, reach=replace(job.reach, tried=tried))
     nowhere = without_place(job.believed, job.reach)
     if nowhere is not None:
         return _unplaced(job, nowhere)
@@ -180,7 +193,7 @@ def solve_stars(
     note = "solved from a list of stars: their light was not looked at"
     job = replace(job, notes=(*job.notes, note))
     measured = _Measured(_measured_elsewhere(stars), len(stars.x_px))
-    return _judge(job, measured, _fit(job, measured, _identify(job, measured)))
+    return _answered(job, measured)
 
 
 def _measured_elsewhere(stars: StarList) -> Measurements:
@@ -214,7 +227,7 @@ def _solve_special(job: _Job, special: SpecialFrame) -> Verdict:
     given = None if job.given is None else special.widened(job.given)
     # the rest stays for the frame as it was: what its header or its levels say may be wrong
     budget_s = job.settings.budget_s * (1.0 if special.sure else SPECIAL_SHARE)
-    settings = replace(job.settings, calibration=None, budget_s=budget_s)
+    settings = replace(job.settings, calibration=None, budget_s=budget_s, priors=())
     verdict = special.back(solve(special.frame, job.catalog, hint=given, settings=settings))
     return replace(verdict, notes=(*job.notes, *verdict.notes))
 
@@ -245,6 +258,10 @@ class _Job:
         Level of no light, as calibration knows it.
     light : bool
         The frame's pixels are at hand, so that a solution can be held against its stars' light.
+    prior : CameraPrior or None
+        What other frames of its camera taught.
+    narrowed : Hint or None
+        What is believed with the prior's scale, where that saves something.
     """
 
     frame: Frame
@@ -260,6 +277,14 @@ class _Job:
     notes: tuple[str, ...] = ()
     zero_adu: float | None = None
     light: bool = True
+    prior: CameraPrior | None = None
+    narrowed: Hint | None = None
+
+    def turns(self) -> Iterator[tuple[Hint, Reach]]:
+        """What is sought, and how far: with the prior what the hint says and no more, then as without it."""
+        if self.narrowed is not None:
+            yield self.narrowed, replace(self.reach, thorough=False, blind="never")
+        yield self.believed, self.reach
 
     @property
     def spent_s(self) -> float:
@@ -289,6 +314,8 @@ class _Measured:
         Processor time that a fast search has taken of the budget.
     tried : int
         Hypotheses that it tried: the odds of what follows count them.
+    held : bool
+        It was solved by the prior's scale.
     """
 
     measurements: Measurements
@@ -297,6 +324,7 @@ class _Measured:
     searched_s: float = 0.0
     tried: int = 0
     solved_fast: _Checked | None = None
+    held: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,11 +340,18 @@ class _Fitted:
 
 def _job(frame: Frame, catalog: Catalog, given: Hint | None, settings: SolveSettings) -> _Job:
     utc = frame.mid_exposure_utc or settings.undated_utc or utc_now()
+    believed = merged_hint(frame.hint, given)
+    prior = None
+    if settings.priors:
+        camera = _card(frame, "INSTRUME"), _card(frame, "TELESCOP")
+        prior = prior_of(settings.priors, *camera, frame.width_px, frame.height_px)
     return _Job(
         frame=frame,
         catalog=catalog,
         given=given,
-        believed=merged_hint(frame.hint, given),
+        believed=believed,
+        prior=prior,
+        narrowed=None if prior is None else prior.narrowed(believed),
         settings=settings,
         epoch_yr=julian_year(utc),
         reach=Reach(settings.index, settings.blind),
@@ -364,16 +399,21 @@ def _with_catalogs(job: _Job) -> _Job:
 
 def _measure(job: _Job) -> _Measured:
     """The frame's sources: the brightest alone where these solve it, else all of them."""
-    computed_s = time.thread_time()
-    fast = _identify_fast(job)
-    searched_s = max(0.0, time.thread_time() - computed_s - fast.measure_s)
-    measure_s = job.read_s + fast.measure_s
-    if fast.identified is not None:
-        assert fast.measurements is not None
-        checked = _check(job, fast.identified, fast.measurements, fast.summed)
-        # pieces of trails pass for stars in a fast search; measured in full, each trail may be one source
-        if checked.light.points:
-            return _Measured(fast.measurements, fast.seen, measure_s, searched_s, fast.tried, checked)
+    measure_s, searched_s, tried = job.read_s, 0.0, job.reach.tried
+    for hint, reach in job.turns():
+        computed_s = time.thread_time()
+        fast = _identify_fast(job, hint, replace(reach, tried=tried))
+        searched_s += max(0.0, time.thread_time() - computed_s - fast.measure_s)
+        measure_s += fast.measure_s
+        tried = fast.tried
+        if fast.identified is not None:
+            assert fast.measurements is not None
+            checked = _check(job, fast.identified, fast.measurements, fast.summed)
+            # pieces of trails pass for stars in a fast search; measured in full, each trail may be one source
+            if checked.light.points:
+                held = hint is job.narrowed
+                return _Measured(fast.measurements, fast.seen, measure_s, searched_s, tried, checked, held)
+            break
     from mountnav.measuring.measure import (
         measure,  # slow to import, and a frame that is solved fast does without
     )
@@ -381,24 +421,24 @@ def _measure(job: _Job) -> _Measured:
     before_s = time.monotonic()
     measurements = measure(job.frame, settings=job.settings.measuring)
     measure_s += time.monotonic() - before_s
-    return _Measured(measurements, len(measurements), measure_s, searched_s, fast.tried)
+    return _Measured(measurements, len(measurements), measure_s, searched_s, tried)
 
 
-def _identify_fast(job: _Job) -> FastResult:
+def _identify_fast(job: _Job, hint: Hint, reach: Reach) -> FastResult:
     """Try with the brightest sources alone, where the settings allow it."""
-    settings, nothing = job.settings, FastResult(tried=job.reach.tried)
+    settings, nothing = job.settings, FastResult(tried=reach.tried)
     if not settings.glance or settings.identification.v_min_ident is not None:
         return nothing
     try:
         return identify_fast(
             job.frame,
             job.choices[0].catalog,
-            job.believed,
+            hint,
             epoch_yr=job.epoch_yr,
             settings=settings.identification,
             measuring=settings.measuring,
             budget_s=settings.budget_s,
-            reach=job.reach,
+            reach=reach,
         )
     except BadCatalog:
         if len(job.choices) == 1:
@@ -406,23 +446,48 @@ def _identify_fast(job: _Job) -> FastResult:
         return nothing  # the search in full passes the catalog over
 
 
+def _answered(job: _Job, measured: _Measured) -> Verdict:
+    """The verdict on what was measured."""
+    identified, held = _identify(job, measured)
+    verdict = _judge(job, measured, _fit(job, measured, identified))
+    if job.prior is None:
+        return verdict
+    prior = job.prior
+    part = PriorPart(
+        prior.frames, prior.scale_low_arcsec_px, prior.scale_high_arcsec_px, held and verdict.solved
+    )
+    solution, told = verdict.solution, verdict.contradictions
+    if solution is not None:
+        told = (*told, *contradictions_with(prior.hint, solution.center, solution.scale_arcsec_px))
+    return replace(verdict, prior=None if job.narrowed is None else part, contradictions=told)
+
+
 # -- identify ------------------------------------------------------------------------------------------------
 
 
-def _identify(job: _Job, measured: _Measured) -> _Checked | Identified:
-    """Which stars the sources are: checked against their light, or the refusal of the search."""
+def _identify(job: _Job, measured: _Measured) -> tuple[_Checked | Identified, bool]:
+    """Which stars the sources are: checked against their light, or the refusal of the search.
+
+    And whether the prior's scale told.
+    """
     if measured.solved_fast is not None:
-        return measured.solved_fast
-    found = identify_with_catalogs(
-        job.choices,
-        measured.measurements,
-        job.believed,
-        replace(job.reach, tried=measured.tried),
-        job.settings,
-        job.epoch_yr,
-        job.settings.budget_s - measured.searched_s,
-    )
-    return found if found.reference is None else _check(job, found, measured.measurements)
+        return measured.solved_fast, measured.held
+    tried, began_s = measured.tried, time.thread_time()
+    for hint, reach in job.turns():
+        assumed = hint is job.narrowed
+        found = identify_with_catalogs(
+            job.choices[:1] if assumed else job.choices,
+            measured.measurements,
+            hint,
+            replace(reach, tried=tried),
+            job.settings,
+            job.epoch_yr,
+            job.settings.budget_s - measured.searched_s - (time.thread_time() - began_s),
+        )
+        if found.reference is not None:
+            return _check(job, found, measured.measurements), assumed
+        tried = found.tried
+    return found, False
 
 
 def _check(
@@ -625,13 +690,17 @@ def _origin(found: Frame | StarList) -> Origin:
     if isinstance(found, StarList):
         return Origin()
 
-    def card(key: str) -> str:
-        text = str(found.header.get(key, "")).strip()[:MOST_CARD]
-        return "".join(
-            character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text
-        )
+    return Origin(
+        _card(found, "INSTRUME"), _card(found, "TELESCOP"), _card(found, "OBJECT"), found.mid_exposure_utc
+    )
 
-    return Origin(card("INSTRUME"), card("TELESCOP"), card("OBJECT"), found.mid_exposure_utc)
+
+def _card(frame: Frame, key: str) -> str:
+    """A text of the header, such that it can be shown."""
+    text = str(frame.header.get(key, "")).strip()[:MOST_CARD]
+    return "".join(
+        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text
+    )
 
 
 def _solution(

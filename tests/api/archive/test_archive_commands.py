@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import json
+import warnings
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from astropy import units
 from astropy.io import fits
+from astropy.io.votable import parse
+from astropy.io.votable.ucd import check_ucd
+from astropy.table import Table
+from astropy.wcs import WCS, FITSFixedWarning
 from pyarrow.dataset import dataset
 
 from benchmarks.archive.drawn import judged
@@ -121,3 +130,73 @@ def test_an_archive_that_is_not_there_is_told(tmp_path: Path) -> None:
     done = run_here("archive", "status", tmp_path / "none")
     assert done.returncode == 1
     assert "is no archive" in done.stderr
+
+
+@pytest.mark.long
+def test_stars_go_to_virtual_observatory_tools_with_names_units_and_ucds(
+    archive: Path, tmp_path: Path
+) -> None:
+    pairs = [row for row in _rows(archive, "pairs.parquet") if row["number"] == 0]
+    numbers = list(range(100, 100 + len(pairs)))
+    named = {
+        "source_id": numbers,
+        "ra": [row["ra_deg"] for row in pairs],
+        "dec": [row["dec_deg"] for row in pairs],
+        "ref_epoch": [2016.0] * len(pairs),
+    }
+    pq.write_table(pa.table(named), tmp_path / "gaia.parquet")
+    total = len(_rows(archive, "pairs.parquet"))
+    for name in ("stars.parquet", "stars.fits"):
+        done = run_here(
+            "archive", "stars", archive, "-o", tmp_path / name, "--names", tmp_path / "gaia.parquet"
+        )
+        assert done.returncode == 0, done.stderr
+        assert done.stderr.endswith(f"{name}: {total} stars, {len(pairs)} with a name\n")
+    parquet = pq.read_table(tmp_path / "stars.parquet")
+    assert parquet["name"].null_count == 0  # astropy reads no text that is missing
+    votable = io.BytesIO(parquet.schema.metadata[b"IVOA.VOTable-Parquet.content"])
+    by_astropy, of_fits = Table.read(parse(votable)), Table.read(tmp_path / "stars.fits")
+    assert by_astropy.colnames == of_fits.colnames == parquet.column_names
+    assert by_astropy["dx_arcsec"].unit == of_fits["dx_arcsec"].unit == units.arcsec
+    assert by_astropy["ra_deg"].meta["ucd"] == "pos.eq.ra;meta.main"
+    for names in (parquet["name"].to_pylist(), of_fits["name"]):
+        assert len(names) == total
+        assert set(map(str, names[: len(pairs)])) == {f"Gaia DR3 {at}" for at in numbers}
+    for name in ("mag", "x_px", "epoch_yr"):
+        assert of_fits[name].tolist() == parquet[name].to_pylist()
+    header = fits.getheader(tmp_path / "stars.fits", 1)
+    ucds = {header[f"TTYPE{at}"]: header[f"TUCD{at}"] for at in range(1, header["TFIELDS"] + 1)}
+    assert ucds["mag"] == "phot.mag"
+    assert all(check_ucd(ucd, check_controlled_vocabulary=True) for ucd in ucds.values())
+    with fits.open(tmp_path / "stars.fits") as opened:
+        opened.verify("exception")
+    again = run_here("archive", "stars", archive, "-o", tmp_path / "stars.fits")
+    assert again.returncode == 2
+    assert "is there already" in again.stderr
+    assert run_here("archive", "stars", archive, "-o", tmp_path / "stars.txt").returncode == 2
+
+
+@pytest.mark.long
+def test_headers_put_stars_where_wcslib_puts_them(archive: Path, tmp_path: Path) -> None:
+    pairs: dict[object, list[dict[str, object]]] = {}
+    for row in _rows(archive, "pairs.parquet"):
+        pairs.setdefault(row["number"], []).append(row)
+    for kind in ("sip", "tpv"):
+        run_here("archive", "wcs", archive, "--out", tmp_path / kind, "--kind", kind)
+    for number, stars in pairs.items():
+        places = []
+        for kind in ("sip", "tpv"):
+            (path,) = (tmp_path / kind).glob(f"*/{number:09d}-*.wcs")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", FITSFixedWarning)  # it is a header without an image
+                wcs = WCS(fits.Header.fromfile(path))
+            ra, dec = ([row[key] for row in stars] for key in ("ra_deg", "dec_deg"))
+            places.append(np.column_stack(wcs.all_world2pix(ra, dec, 0)))
+        # where the deviations of the table say that the plate has the star
+        solution = next(row for row in _rows(archive, "solutions.parquet") if row["number"] == number)
+        scale = float(str(solution["scale_arcsec_px"]))
+        measured = np.array([[row["x_px"], row["y_px"]] for row in stars], dtype=float)
+        off = np.array([[row["dx_arcsec"], row["dy_arcsec"]] for row in stars], dtype=float)
+        assert np.abs(places[0] - places[1]).max() < 0.01
+        apart = np.hypot(*(places[0] - measured).T) - np.hypot(*off.T) / scale
+        assert np.abs(apart).max() < 0.01

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import random
@@ -164,6 +165,76 @@ def test_a_full_disk_stops_it_and_nothing_half_is_left(
     code, said = _Client(path).ended()
     assert code == 0, said
     assert tree(run.chunks) == tree(_run(undisturbed).chunks)
+
+
+class _Cluster:
+    """A scheduler and two workers, each a process of its own, as `dask scheduler` and `dask worker` are."""
+
+    def __init__(self, where: Path) -> None:
+        path = os.pathsep.join([str(POISON), *filter(None, sys.path)])
+        self._where, self._environment = where, os.environ | {"PYTHONPATH": path}
+        told = where / "scheduler.json"
+        self.scheduler = self._started("dask_scheduler", "--port", "0", "--scheduler-file", str(told))
+        while not (address := self._address(told)):
+            assert self.scheduler.poll() is None
+            time.sleep(0.05)
+        self.address = address
+        self._workers = [
+            self._started("dask_worker", address, "--no-nanny", "--nthreads", "1") for _ in range(2)
+        ]
+
+    def _started(self, name: str, *words: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", f"distributed.cli.{name}", "--no-dashboard", "--host", "127.0.0.1"]
+        return subprocess.Popen(
+            [*command, *words],
+            cwd=self._where,
+            env=self._environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+
+    @staticmethod
+    def _address(told: Path) -> str:
+        try:
+            return str(json.loads(told.read_text())["address"])
+        except (OSError, ValueError):
+            return ""  # not there yet, or half written
+
+    def end(self) -> None:
+        """End all that is left of it."""
+        for process in (*self._workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+def test_a_scheduler_that_is_killed_is_told_and_another_one_ends_the_work(
+    poisoned: Path, undisturbed: Path, tmp_path: Path
+) -> None:
+    path = _made(poisoned, tmp_path)
+    run = _run(path)
+    (tmp_path / "first").mkdir()
+    cluster = _Cluster(tmp_path / "first")
+    try:
+        client = _Client(path, "--scheduler", cluster.address)
+        while client.running and not run.done():
+            time.sleep(0.02)
+        cluster.scheduler.kill()
+        code, said = client.ended()
+    finally:
+        cluster.end()
+    assert code == 1, said
+    assert "the scheduler went away" in said
+    assert "Traceback" not in said
+    assert 0 < len(run.done()) < 6
+    (tmp_path / "second").mkdir()
+    cluster = _Cluster(tmp_path / "second")
+    try:
+        code, said = _Client(path, "--scheduler", cluster.address).ended()
+    finally:
+        cluster.end()
+    assert code == 0, said
+    assert tree(run.chunks) == tree(_run(undisturbed).chunks)
+    assert not any(run.making.iterdir())
 
 
 def test_dask_gives_the_same_bytes(poisoned: Path, undisturbed: Path, tmp_path: Path) -> None:
