@@ -447,6 +447,16 @@ def _scaled(total: Image, count: Image, known: Mask) -> Array:
     return np.asarray(root / max(1.4826 * median(np.abs(root[known])), 1e-6), dtype=np.float64)
 
 
+def _stands_nowhere_out(total: Image, count: Image, known: Mask) -> bool:
+    """Whether `_scaled` is below `_SEEN_SIGMA` all over: told by counting, without another median."""
+    mean = total / np.maximum(count, 1.0)
+    root = ((mean - median(mean[known])) * np.sqrt(count))[known]
+    highest = float(root.max())
+    # a hair less: whatever rounding does, the scatter isn't smaller
+    scatter = highest / (1.4826 * _SEEN_SIGMA) * (1.0 + 1e-4)
+    return math.isfinite(highest) and int(np.count_nonzero(np.abs(root) < scatter)) <= (root.size - 1) // 2
+
+
 def _rays(scaled: Array, outside: Mask, core_px: float, limits: dict[int, float]) -> Mask:
     """The straight ways from the star along which faint light adds up: a tail too thin to show in any bin.
 
@@ -700,7 +710,7 @@ def brighter_image(
         total = total[way]
         _add_cover(count, windows, cover[way], whole=whole)
         known = count >= max(3.0, _COVERED * x.size)
-        if not known.any():
+        if not known.any() or _stands_nowhere_out(total, count, known):
             continue
         scaled = np.where(known, _scaled(total, count, known), 0.0)
         row, column = np.unravel_index(int(np.argmax(scaled)), scaled.shape)

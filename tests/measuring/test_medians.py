@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from mountnav.measuring.medians import median
+from mountnav.measuring.medians import FEW, median
 
 FLOATS = hnp.arrays(
     st.sampled_from([np.float32, np.float64]),
@@ -41,3 +41,17 @@ def test_of_all_values_whatever_their_shape(shape):
 
 def test_of_no_values_it_is_nan():
     assert math.isnan(median(np.zeros(0)))
+
+
+@pytest.mark.parametrize("size", [FEW, FEW + 1, FEW + 2, 40_001])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.uint16])
+def test_of_many_values_it_is_numpys_too(size, dtype):
+    values = (1000.0 * np.random.default_rng(size).random(size)).astype(dtype)
+    before = values.copy()
+    assert median(values) == float(np.median(values))
+    assert np.array_equal(values, before)
+    if values.dtype.kind == "f":
+        values[:: size // 3] = np.inf
+        assert median(values) == float(np.median(values))
+        values[size // 5] = np.nan
+        assert math.isnan(median(values))
