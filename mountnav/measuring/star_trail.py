@@ -638,15 +638,18 @@ def _add_cover(
         for window, frame in windows:
             count[window] += cover[frame]
         return
-    rise = np.zeros((count.shape[0] + 1, count.shape[1] + 1), dtype=np.float32)
-    for (rows, columns), _ in windows:
-        if rows.start == rows.stop or columns.start == columns.stop:
-            continue  # a position far beyond the frame
-        rise[rows.start, columns.start] += 1.0
-        rise[rows.start, columns.stop] -= 1.0
-        rise[rows.stop, columns.start] -= 1.0
-        rise[rows.stop, columns.stop] += 1.0
-    count += rise.cumsum(axis=0).cumsum(axis=1)[:-1, :-1]
+    # whole numbers below 2^24: exact, in whatever order they are added
+    ends = np.array(
+        [[(part.start, part.stop) for part in window] for window, _ in windows], dtype=np.intp
+    ).reshape(-1, 2, 2)
+    in_rows, in_columns = (_between(ends[:, axis], count.shape[axis]) for axis in (0, 1))
+    count += in_rows.T @ in_columns
+
+
+def _between(ends: NDArray[np.intp], length: int) -> Image:
+    """1 from the first of two places up to the second, else 0; shape (n, length)."""
+    place = np.arange(length)
+    return ((place >= ends[:, :1]) & (place < ends[:, 1:])).astype(np.float32)
 
 
 def _flipped(

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from mountnav.measuring.medians import FEW, median
+from mountnav.measuring.medians import FEW, median, medians_of_rows
 
 FLOATS = hnp.arrays(
     st.sampled_from([np.float32, np.float64]),
@@ -55,3 +55,12 @@ def test_of_many_values_it_is_numpys_too(size, dtype):
         assert median(values) == float(np.median(values))
         values[size // 5] = np.nan
         assert math.isnan(median(values))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (9, 2), (40, 47), (40, 48)])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_medians_of_rows_are_numpys(shape, dtype):
+    rows = np.random.default_rng(1).normal(size=shape).astype(dtype)
+    assert np.array_equal(medians_of_rows(rows), np.median(rows, axis=1))
+    rows[0, 0] = np.nan
+    assert np.array_equal(medians_of_rows(rows), np.median(rows, axis=1), equal_nan=True)
