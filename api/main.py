@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 
@@ -23,10 +24,12 @@ def main() -> None:
             from api.solver_daemon.stub import run
 
             sys.exit(run(sys.argv[1], sys.argv[2:]))
-    from api.cli.app import app
-
+    # what is imported stays: no garbage is sought until the command begins (`api.cli.commands.top`)
+    gc.disable()
     try:
-        app()
+        from api.cli.commands import app_of
+
+        app_of(sys.argv[1:])()
     except MountnavError as error:
         from mountnav.masking import masked
 
@@ -42,6 +45,8 @@ def main() -> None:
         print(f"mountnav: {error.strerror or error}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+    finally:
+        gc.enable()
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import typer
 
 from api.cli.options import config_option, takes_options
 from mountnav.errors import BadRequest
+from mountnav.start_up import no_garbage_sought
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
@@ -94,8 +95,9 @@ def serve_observatory(asked: ServeOptions) -> int:
     """Serve an observatory: the page at /, REST under /v1, its description at /docs, Alpaca under /api/v1."""
     settings = _served(settings_of(asked), asked)
     # only now: all of the service takes seconds to import, and wrong settings are refused without it
-    from api.http.serving import serve as serve_settings
-    from api.observatory.observatory import require_devices
+    with no_garbage_sought():
+        from api.http.serving import serve as serve_settings
+        from api.observatory.observatory import require_devices
 
     # all devices before anything is opened: a wrong one is one line, and starting again won't help
     require_devices(settings, asked.config)

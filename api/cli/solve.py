@@ -133,15 +133,17 @@ def solve(
     Exit code 0 if all were solved, 1 if some were not or something couldn't be written, 2 on bad usage, 130
     when interrupted.
     """
-    from api.cli.late_modules import put_off_unused
+    from mountnav.start_up import no_garbage_sought, put_off_unused
 
     put_off_unused()
-    from api.batch.inputs import found_files
-    from api.batch.result_files import Held
-    from api.batch.writing import Wanted, Writing
-    from api.cli.chosen_catalogs import chosen_shelf
-    from api.solver.hints import asked_hint
-    from api.solver.solve_settings import chosen_settings
+    with no_garbage_sought():
+        import mountnav.solving.solve  # noqa: F401 - for what it imports
+        from api.batch.inputs import found_files
+        from api.batch.result_files import Held
+        from api.batch.writing import Wanted, Writing
+        from api.cli.chosen_catalogs import chosen_shelf
+        from api.solver.hints import asked_hint
+        from api.solver.solve_settings import chosen_settings
 
     settings = chosen_settings(
         config=config,

@@ -203,7 +203,8 @@ def _spawned(module: str, link: int, *, keep_memory: bool) -> subprocess.Popen[b
         # large arrays go back to the system as soon as they are done with: 30 MB less
         environment.setdefault("MALLOC_MMAP_THRESHOLD_", "4000000")
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", module, str(link)],
+        # what it never uses isn't imported
+        [sys.executable, "-P", "-m", "mountnav.start_up", module, str(link)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         pass_fds=[link],

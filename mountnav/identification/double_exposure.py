@@ -293,7 +293,17 @@ def _second(
     best, hits, chance = None, 0, 1.0
     common = np.sqrt(ratios[i[p], j[p]] * ratios[i[q], j[q]])
     share = math.pi * IMAGE_NEAR_PX**2 * second.size / (shape[0] * shape[1])
-    for part in np.array_split(np.arange(b.size), b.size * first.size * second.size // 4_000_000 + 1):
+    # a way that lays three patches or fewer upon others counts for nothing: most are told by a raster
+    reach = max(float(np.abs(second.real).max()), float(np.abs(second.imag).max())) + 1.0
+    raster = _Raster(second, 0j, reach, IMAGE_NEAR_PX)
+    worth = np.zeros(b.size, dtype=bool)
+    for part in np.array_split(np.arange(b.size), b.size * first.size // 400_000 + 1):
+        there = first + a[part, None] + b[part, None] * first
+        worth[part] = raster.may_be_near(there).sum(axis=1) > 3
+    some = np.flatnonzero(worth)
+    if some.size == 0:
+        return None
+    for part in np.array_split(some, some.size * first.size * second.size // 4_000_000 + 1):
         there = first + a[part, None] + b[part, None] * first
         # squares: the modulus of so many complex numbers took half of the time of this search
         dx, dy = there.real[:, :, None] - second.real, there.imag[:, :, None] - second.imag
@@ -429,6 +439,44 @@ def bright_pair(
     return bool(((np.abs(apart) < FIELD_NEAR_PX) & (np.abs(bright) < PAIR_MAG) & elsewhere).any())
 
 
+class _Raster:
+    """Tells quickly which positions can't be near any of some others: a square of marked cells.
+
+    Parameters
+    ----------
+    there : ndarray of complex, shape (n,)
+        The others, within `radius_px` of `middle`, in each coordinate.
+    near_px : float
+        What near means.
+    """
+
+    def __init__(self, there: Complex, middle: complex, radius_px: float, near_px: float) -> None:
+        # a little more than near: what is near is in the same cell or the next one, however it is rounded
+        self._cell = max(2.0 * radius_px / RASTER_CELLS, 1.001 * near_px)
+        # two cells more all round: stars at the rim mark those beside them, and the outermost stay free
+        self._corner = middle - complex(radius_px, radius_px) - 2.0 * self._cell * (1 + 1j)
+        self._side = int(2.0 * radius_px / self._cell) + 5
+        marked = np.zeros((self._side, self._side), dtype=bool)
+        cell = self._cells(there)
+        for down in (-1, 0, 1):
+            for right in (-1, 0, 1):
+                marked.reshape(-1)[cell + down * self._side + right] = True
+        self._marked = marked.reshape(-1)
+
+    def _cells(self, place: Complex) -> Index:
+        """Index into the flattened raster; what lies beyond is in the outermost cells."""
+        at = (place - self._corner) / self._cell
+        last = self._side - 1.0
+        row = np.clip(at.imag, 0.0, last).astype(np.int64)
+        row *= self._side
+        row += np.clip(at.real, 0.0, last).astype(np.int64)
+        return row
+
+    def may_be_near(self, place: Complex) -> NDArray[np.bool_]:
+        """Which positions may be near one; of their shape."""
+        return np.asarray(self._marked[self._cells(place)])
+
+
 class _StarsNearBy:
     """Tells which positions have a star within `FIELD_NEAR_PX`; a raster leaves the many that have none.
 
@@ -440,25 +488,11 @@ class _StarsNearBy:
 
     def __init__(self, there: Complex, middle: complex, radius_px: float) -> None:
         self._tree = KDTree(np.column_stack((there.real, there.imag)))
-        self._cell = max(2.0 * radius_px / RASTER_CELLS, FIELD_NEAR_PX)
-        # two cells more all round: stars at the rim mark those beside them, and the outermost stay free
-        self._corner = middle - complex(radius_px, radius_px) - 2.0 * self._cell * (1 + 1j)
-        self._side = int(2.0 * radius_px / self._cell) + 5
-        self._marked = np.zeros((self._side, self._side), dtype=bool)
-        row, column = self._cells(there)
-        for down in (-1, 0, 1):
-            for right in (-1, 0, 1):
-                self._marked[row + down, column + right] = True
-
-    def _cells(self, place: Complex) -> tuple[Index, Index]:
-        """Row and column; what lies beyond is in the outermost cells."""
-        at = (place - self._corner) / self._cell
-        row, column = (np.clip(one, 0.0, self._side - 1.0).astype(np.int64) for one in (at.imag, at.real))
-        return row, column
+        self._raster = _Raster(there, middle, radius_px, FIELD_NEAR_PX)
 
     def near(self, place: Complex) -> NDArray[np.bool_]:
         """Which positions have one; of their shape."""
-        found = self._marked[self._cells(place)]
+        found = self._raster.may_be_near(place)
         some = place[found]
         away = self._tree.query(np.column_stack((some.real, some.imag)), distance_upper_bound=FIELD_NEAR_PX)
         found[found] = np.isfinite(away[0])
@@ -501,15 +535,17 @@ def _ways(seen: Complex, there: Complex, least_px: float) -> tuple[Complex, Comp
     span = (there[m] - there[k]) / np.maximum(far, 1e-9)
     between = 0.5 * (there[k] + there[m])
     straight = math.cos(FIELD_GREATEST_TURN_RAD)
-    firsts, seconds, turns = [], [], []
-    for i, j, length in zip(ones[wide], others[wide], lengths[wide], strict=True):
-        low, high = np.searchsorted(far, (length - FIELD_NEAR_PX, length + FIELD_NEAR_PX))
-        # both stars the other way round turn it by half a circle more
-        turn = span[low:high] * (np.conj(seen[j] - seen[i]) / length)
-        for one_way, some in ((turn, turn.real > straight), (-turn, turn.real < -straight)):
-            firsts.append(np.full(int(some.sum()), 0.5 * (seen[i] + seen[j])))
-            seconds.append(between[low:high][some])
-            turns.append(one_way[some])
-    if not firsts:
-        return (np.zeros(0, dtype=complex),) * 3
-    return np.concatenate(firsts), np.concatenate(seconds), np.concatenate(turns)
+    ones, others, lengths = ones[wide], others[wide], lengths[wide]
+    low = np.searchsorted(far, lengths - FIELD_NEAR_PX)
+    count = np.searchsorted(far, lengths + FIELD_NEAR_PX) - low
+    # each pair of patches with each pair of stars as far apart: one row
+    patches = np.repeat(np.arange(lengths.size), count)
+    pair = np.arange(patches.size) + np.repeat(low - np.cumsum(count) + count, count)
+    turn = span[pair] * (np.conj(seen[others] - seen[ones]) / lengths)[patches]
+    # both stars the other way round turn it by half a circle more
+    as_they_are, swapped = np.flatnonzero(turn.real > straight), np.flatnonzero(turn.real < -straight)
+    row = np.concatenate((as_they_are, swapped))
+    turns = np.concatenate((turn[as_they_are], -turn[swapped]))
+    order = np.argsort(np.concatenate((2 * patches[as_they_are], 2 * patches[swapped] + 1)), kind="stable")
+    row, turns = row[order], turns[order]
+    return (0.5 * (seen[ones] + seen[others]))[patches[row]], between[pair[row]], turns

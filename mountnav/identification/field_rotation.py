@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mountnav.measuring.medians import median
+from mountnav.measuring.medians import median, medians_of_rows
 from mountnav.measuring.segmentation import LightSegments
 from mountnav.measuring.star_trail import REACH_PX
 
@@ -190,7 +190,7 @@ def field_motion(centers: Centers) -> FieldMotion | None:
     i, j = i[far], j[far]
     b = (off[i] - off[j]) / (place[i] - place[j])
     a = off[i] - b * place[i]
-    left = np.median(np.abs(off - a[:, None] - b[:, None] * place), axis=1)
+    left = medians_of_rows(np.abs(off - a[:, None] - b[:, None] * place))
     # a common path is tried as well, so that noise isn't taken for a turn
     best = int(np.argmin(left))
     a0, b0 = complex(a[best]), complex(b[best])

@@ -8,8 +8,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.special import pdtrc
 
 from mountnav.measuring.measurements import Flag, Measurements
@@ -166,5 +164,8 @@ def trail_pieces(x_px: Array, y_px: Array) -> Index:
     for down, right in ((0, 0), (0, 1), (1, 0), (1, 1)):
         frequent[np.minimum(some[:, 0] + down, rows - 1), np.minimum(some[:, 1] + right, columns - 1)] = True
     linked = frequent[row, column]
+    from scipy.sparse import coo_array  # expensive to import, and few frames have pieces
+    from scipy.sparse.csgraph import connected_components
+
     links = coo_array((np.ones(int(linked.sum())), (i[linked], j[linked])), shape=(x_px.size, x_px.size))
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)

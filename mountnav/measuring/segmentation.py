@@ -91,26 +91,48 @@ def segment_light(pixels: NDArray[np.generic], bins: Image | None = None) -> Lig
         level = bins
     else:
         level, _ = in_sigmas(coarse_plane(pixels, bin_px), bin_px, whole=pixels.dtype.kind in "ui")
-    found, count = ndimage.label(level > _BRIGHT_SIGMA, structure=np.ones((3, 3)))
+    lit = level > _BRIGHT_SIGMA
+    at = np.flatnonzero(lit)
+    found, count = ndimage.label(lit, structure=np.ones((3, 3)))
     labels = np.asarray(found, dtype=np.int32)
     parts = None
     # pieces of one star's light lie nearer to each other than stars do on the mean
     apart_px = _JOINED * math.sqrt(pixels.size / max(count, 1))
     join = int(min(apart_px, _FARTHEST_JOINED_PX) / bin_px)
     if join > 0:
-        wide = ndimage.maximum_filter(labels > 0, 2 * join + 1)
-        found, fewer = ndimage.label(wide)
+        found, fewer = ndimage.label(_widened(lit, join))
         if fewer < count:
-            parts = _segments(level, labels, count, bin_px)
-        labels, count = np.where(labels > 0, found, 0).astype(np.int32), fewer
-    return replace(_segments(level, labels, count, bin_px), parts=parts)
+            parts = _segments(level, labels, at, count, bin_px)
+        joined = np.zeros_like(labels)
+        joined.reshape(-1)[at] = found.reshape(-1)[at]
+        labels, count = joined, fewer
+    return replace(_segments(level, labels, at, count, bin_px), parts=parts)
 
 
-def _segments(level: Image, labels: NDArray[np.int32], count: int, bin_px: int) -> LightSegments:
-    """Middle and light of each label."""
-    rows, columns = np.nonzero(labels)
-    label = labels[rows, columns].astype(np.int64) - 1
-    light = level[rows, columns].astype(np.float64)
+def _widened(lit: Mask, by: int) -> Mask:
+    """True within `by` rows and columns of what is True.
+
+    A twentieth of the time of a filter for any numbers: shifts that double, along one axis and the other.
+    """
+    wide = lit.copy()
+    for axis in (0, 1):
+        reached = 0
+        while reached < by:
+            step = min(reached + 1, by - reached)
+            seen = wide.copy()
+            low, high = [slice(None)] * 2, [slice(None)] * 2
+            low[axis], high[axis] = slice(None, -step), slice(step, None)
+            wide[tuple(low)] |= seen[tuple(high)]
+            wide[tuple(high)] |= seen[tuple(low)]
+            reached += step
+    return wide
+
+
+def _segments(level: Image, labels: NDArray[np.int32], at: Index, count: int, bin_px: int) -> LightSegments:
+    """Middle and light of each label; `at` are the labelled bins of the flattened plane."""
+    rows, columns = np.divmod(at, labels.shape[1])
+    label = labels.reshape(-1)[at].astype(np.int64) - 1
+    light = level.reshape(-1)[at].astype(np.float64)
     flux: Array = np.bincount(label, light, minlength=count).astype(np.float64)
     x = np.bincount(label, light * columns.astype(np.float64), minlength=count) / flux
     y = np.bincount(label, light * rows.astype(np.float64), minlength=count) / flux

@@ -10,7 +10,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 from astropy.io import fits
+
+from api.cli.app import app
+from api.cli.commands import COMMANDS, GROUPS, app_of
 
 DEAR = (
     *("astropy", "astropy_healpix", "PIL", "matplotlib", "rich", "fastapi", "uvicorn", "httpx", "asyncio"),
@@ -20,8 +24,10 @@ DEAR = (
 UNUSED = (
     *("unittest", "numpy.f2py.crackfortran", "numpy.testing._private.utils"),
     *("numpy.polynomial.chebyshev", "api.solver.solve_record", "api.http.app"),
+    *("scipy.sparse._base", "scipy.linalg._basic", "scipy.spatial.transform", "scipy.spatial._qhull"),
+    *("scipy.special._orthogonal", "scipy._lib.array_api_compat.numpy.linalg"),
 )
-"""What scipy names and a solve doesn't use (`api.cli.late_modules`); and the models of the service."""
+"""What scipy names and a solve doesn't use (`mountnav.start_up`); and the models of the service."""
 RUN = """
 import json, sys
 from api.main import main
@@ -96,6 +102,23 @@ def test_help_comes_without_numpy(arguments: list[str], tmp_path: Path) -> None:
     imported, printed = _imported(*arguments, cache=tmp_path)
     assert "mountnav" in printed
     assert _among(("numpy", "scipy", *DEAR[:4], "mountnav.solving.solve"), imported) == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("command", [["ports", "--help"], ["solve", "--help"], ["key", "--help"]])
+def test_a_command_imports_no_other_command(command: list[str], tmp_path: Path) -> None:
+    imported, _ = _imported(*command, cache=tmp_path)
+    files = {name.removeprefix("api.cli.") for name in imported if name.startswith("api.cli.")}
+    shared = {"app", "commands", "options", "output", "chosen_catalogs"}
+    assert files - shared == {(COMMANDS | GROUPS)[command[0]].file}
+
+
+@pytest.mark.parametrize("words", [[], ["--help"], ["nothing"], ["--version"]])
+def test_all_commands_are_there_where_none_of_them_is_named(words: list[str]) -> None:
+    whole = typer.main.get_command(app_of(words))
+    assert isinstance(whole, typer.core.TyperGroup)
+    assert list(whole.commands) == list(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
+    assert {*whole.commands} == {*COMMANDS, *GROUPS}
 
 
 @pytest.mark.long

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks.trailed import RIGHT_PX, trial, ways
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.identification.double_exposure import UnexplainedLight, find_second_field
+from mountnav.identification.double_exposure import UnexplainedLight, _Raster, find_second_field
 from mountnav.identification.plate import Plate, similarity_plate
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import gnomonic_inverse
@@ -125,3 +125,17 @@ def test_the_fainter_of_two_images_is_no_solution_where_few_stars_have_theirs_in
     verdict = solve(one.frame, embedded_catalog(), hint=one.hint, settings=ways(59_025))
     assert verdict.solution is None
     assert verdict.reason is Reason.TRAILED
+
+
+@pytest.mark.parametrize("near_px", [0.5, 3.0, 40.0])
+def test_the_raster_passes_over_nothing_that_is_near(near_px: float) -> None:
+    rng = np.random.default_rng(int(near_px))
+    there = rng.uniform(-300, 300, 80) + 1j * rng.uniform(-300, 300, 80)
+    raster = _Raster(there, 0j, 300.0, near_px)
+    away = near_px * rng.uniform(0, 1.5, (4000, 1)) * np.exp(2j * math.pi * rng.random((4000, 1)))
+    place = np.concatenate(((there + away).ravel(), 1e6 * (rng.normal(size=100) + 1j * rng.normal(size=100))))
+    near = np.array([np.abs(one - there).min() for one in place[::7]]) < near_px
+    told = raster.may_be_near(place[::7])
+    assert near.any()
+    assert not (near & ~told).any()
+    assert not told[-10:].any()

@@ -2,10 +2,19 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from mountnav.measuring.fast.coarse import coarse_plane, in_wider_bins
 from mountnav.measuring.psf_fitting import _medians, _part_sizes
-from mountnav.measuring.star_trail import _add_cover, _windows, in_bins
+from mountnav.measuring.segmentation import _widened
+from mountnav.measuring.star_trail import (
+    _SEEN_SIGMA,
+    _add_cover,
+    _scaled,
+    _stands_nowhere_out,
+    _windows,
+    in_bins,
+)
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.int16, np.uint8, np.int32])
@@ -41,3 +50,28 @@ def test_medians_of_parts_are_those_of_split_arrays(size, count):
     parts = np.array_split(values, count)
     assert np.array_equal(_medians(values, count), [np.median(part) for part in parts])
     assert np.array_equal(_part_sizes(size, count), [part.size for part in parts])
+
+
+@pytest.mark.parametrize("shape", [(1, 3), (5, 7), (40, 31)])
+@pytest.mark.parametrize("by", [1, 2, 5, 8])
+def test_light_is_widened_as_by_a_filter(shape, by):
+    lit = np.random.default_rng(by).random(shape) < 0.03
+    lit[0, -1] = True
+    assert np.array_equal(_widened(lit, by), ndimage.maximum_filter(lit, 2 * by + 1))
+
+
+@pytest.mark.parametrize("height", [0.0, 0.9, 1.1, 3.0])
+@pytest.mark.parametrize("size", [60, 61])
+def test_what_stands_nowhere_out_is_nowhere_seen(height, size):
+    rng = np.random.default_rng(size)
+    total = rng.normal(size=(size, size)).astype(np.float32)
+    count = np.full_like(total, 9.0)
+    known = rng.random(total.shape) < 0.9
+    known[3, 4] = True
+    total[3, 4] = 0.0
+    scaled = _scaled(total, count, known)
+    one_sigma = 1.0 / (scaled[5, 6] - scaled[3, 4]) * (total[5, 6] - total[3, 4])
+    total[3, 4] = height * _SEEN_SIGMA * one_sigma
+    seen = bool((_scaled(total, count, known)[known] >= _SEEN_SIGMA).any())
+    assert _stands_nowhere_out(total, count, known) is (not seen)
+    assert seen is (height > 1.0)
