@@ -52,6 +52,7 @@ from mountnav.errors import (
 from mountnav.journal.records import EntryKind
 from mountnav.navigation.beside import Aim, Beside
 from mountnav.navigation.centering import center_in_time
+from mountnav.navigation.derotating import Derotation
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.follow_plan import (
     PULSE_EVERY_S,
@@ -82,7 +83,7 @@ from mountnav.navigation.tube_estimate import TubeEstimate, rates_on_sky
 from mountnav.pointing.limits.along import Path, SkyEvent, SkyEventKind, forecast
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.sky.sphere import Offset, offset_arcsec, separation_arcsec
-from mountnav.tasks import together, waited_for
+from mountnav.tasks import first_of, together, waited_for
 
 __all__ = ["FollowEnd", "FollowProgress", "FollowReport", "Following", "progress_facts"]
 
@@ -375,6 +376,7 @@ class Following:
     ) -> None:
         self._equipment, self._slewing, self._target = equipment, slewing, target
         self._mount, self._clock = equipment.mount, equipment.clock
+        self._derotation: Derotation | None = None
         self._policy, self._key, self._halt = policy, key, halt
         self._look_every_s = LOOK_EVERY_S if look_every_s is None else look_every_s
         self._heard = heard
@@ -434,9 +436,16 @@ class Following:
                 centered = await self._centered()
             began = self._clock.utc()
             self._tell("following", plan.words)
+            self._derotation = Derotation(self._equipment, self._path, self._until)
+            self._derotation.begin()
             await together(self._steer(), self._look_on())
         finally:
-            await self._over()
+            try:
+                await self._over()
+            finally:
+                if self._derotation is not None:
+                    await self._derotation.end()
+                    self.notes += [note for note in self._derotation.notes if note not in self.notes]
         return self._report(began, centered, self._clock.monotonic_s() - began_s)
 
     def stopped(self) -> None:
@@ -1043,6 +1052,7 @@ class Following:
                     found = await self._looked(exposure_s)
             if found is not None:
                 await self._took(found)
+                await self._stands(found)
             judged = self._judgement is not None and self._judgement.verdict == "right"
             soon = self._looks < FIRST_LOOKS and not judged
             every_s = min(self._look_every_s, 15.0) if soon else self._look_every_s
@@ -1068,9 +1078,15 @@ class Following:
             found = await self._looked(exposure_s)
             if found is not None:
                 await self._took_streak(found, speed)
+                await self._stands(found)
             spent_s = self._clock.monotonic_s() - began
             left_s = (self._until - self._clock.utc()).total_seconds()
             await self._pause_unwoken(min(max(0.0, STREAK_EVERY_S - spent_s), max(0.0, left_s)))
+
+    async def _stands(self, found: Look) -> None:
+        """How the image of a look stands: where the mount turns the field, a rotator turns with it."""
+        if self._derotation is not None:
+            await self._derotation.seen(found)
 
     async def _took_streak(self, found: Look, speed: float) -> None:
         """What a look on a fast pass shows; along its way no better than its instant is known."""
@@ -1367,13 +1383,7 @@ class Following:
         """Wait so long, or until something is new."""
         if seconds <= 0.0:
             return
-        waiting = [waited_for(self._clock.sleep(seconds)), waited_for(self._wake.wait())]
-        try:
-            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for task in waiting:
-                task.cancel()
-            await asyncio.gather(*waiting, return_exceptions=True)
+        await first_of(self._clock.sleep(seconds), self._wake.wait())
 
     def _note(self, words: str) -> None:
         if words not in self.notes:
