@@ -45,6 +45,10 @@ _TRIES_SOON = 10
 _STOPS_AFTER = 3
 """After so many tries in which the mount answered and kept its rates it is stopped, and rests. Doubled, it
 goes on for some seconds longer."""
+_DYING_S, _DYING_LOOK_S = 10.0, 0.02
+"""A dying service is waited for so long, and looked at so often, s: the kernel closes its files one after the
+other, the link maybe before the lock, and under load some time before it. Doubled, a link that was closed by a
+service that lives, which never happens, is acted on later."""
 _GIVES_UP_S = 7200.0
 """After so long it is given up, s: what is unplugged for two hours was switched off. Doubled, it waits for
 twice as long; a new service ends it in any case."""
@@ -140,6 +144,7 @@ class Guard:
         """End what goes on, by trying until it is done or another service has the mount."""
         began_s, tries, kept, trouble = time.monotonic(), 0, 0, ""
         self._log(f"{why}: ending {' and '.join(self._what)}")
+        self._see_it_gone()
         while self._what:
             lived = not self.dead
             outcome = ""
@@ -167,6 +172,12 @@ class Guard:
             until_s = time.monotonic() + pause_s
             while self._what and time.monotonic() < until_s:
                 self._hear(until_s - time.monotonic())
+
+    def _see_it_gone(self) -> None:
+        """Wait until a service that dies is dead: the lock that it holds still is no other service's."""
+        until_s = time.monotonic() + _DYING_S
+        while self._gone and os.getppid() == self._parent and time.monotonic() < until_s:
+            time.sleep(_DYING_LOOK_S)
 
     def _report(self, why: str, outcome: str, tries: int, trouble: str) -> None:
         self._log(f"{outcome} (tries: {tries})")

@@ -472,6 +472,41 @@ async def test_a_guard_that_hears_nothing_in_time_acts(true_mount: TrueMount, tm
     await guard.close()
 
 
+DIES_SLOWLY = """
+import asyncio, os, pathlib, sys, time
+from datetime import timedelta
+from api.observatory.dead_man import MountGuard
+from mountnav.clock import utc_now
+from tests.api.observatory.true_mount import SITE
+
+async def die():
+    guard = MountGuard("east", sys.argv[1], SITE, "sidereal", folder=pathlib.Path(sys.argv[2]))
+    await guard.hold()
+    guard.arm(utc_now() + timedelta(seconds=600.0), ["offset-rates"])
+    # as the kernel may: the link first, the lock some time later
+    guard._link.close()
+    time.sleep(1.0)
+    os._exit(0)
+
+asyncio.run(die())
+"""
+
+
+async def test_the_lock_of_a_service_that_is_still_dying_is_no_other_service(
+    true_mount: TrueMount, tmp_path: Path
+) -> None:
+    await _rates_of(true_mount.device, OffsetRates(5.0, 5.0))
+    url = ONSTEP.format(device=true_mount.device)
+    subprocess.run([sys.executable, "-c", DIES_SLOWLY, url, str(tmp_path)], check=True)
+    while not sidereal(await asyncio.to_thread(true_mount.now)):
+        pass
+    guard = guard_of(true_mount, tmp_path)
+    while not guard.reports():
+        await asyncio.sleep(0.05)
+    (report,) = guard.reports()
+    assert report["outcome"].startswith("ended")
+
+
 async def test_a_guard_that_is_disarmed_does_nothing(true_mount: TrueMount, tmp_path: Path) -> None:
     await _rates_of(true_mount.device, OffsetRates(5.0, 5.0))
     guard = guard_of(true_mount, tmp_path)
