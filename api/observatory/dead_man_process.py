@@ -46,9 +46,9 @@ _STOPS_AFTER = 3
 """After so many tries in which the mount answered and kept its rates it is stopped, and rests. Doubled, it
 goes on for some seconds longer."""
 _DYING_S, _DYING_LOOK_S = 10.0, 0.02
-"""A dying service is waited for so long, and looked at so often, s: the kernel closes its files one after the
-other, the link maybe before the lock, and under load some time before it. Doubled, a link that was closed by a
-service that lives, which never happens, is acted on later."""
+"""A dying service is waited for so long, and looked at so often, s: the kernel closes its files one after
+the other, the link maybe before the lock, and under load some time before it. Doubled, a link that was closed
+by a service that lives, which never happens, is acted on later."""
 _GIVES_UP_S = 7200.0
 """After so long it is given up, s: what is unplugged for two hours was switched off. Doubled, it waits for
 twice as long; a new service ends it in any case."""

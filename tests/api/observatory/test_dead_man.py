@@ -497,7 +497,8 @@ async def test_the_lock_of_a_service_that_is_still_dying_is_no_other_service(
 ) -> None:
     await _rates_of(true_mount.device, OffsetRates(5.0, 5.0))
     url = ONSTEP.format(device=true_mount.device)
-    subprocess.run([sys.executable, "-c", DIES_SLOWLY, url, str(tmp_path)], check=True)
+    dies = [sys.executable, "-c", DIES_SLOWLY, url, str(tmp_path)]
+    await asyncio.to_thread(subprocess.run, dies, check=True)
     while not sidereal(await asyncio.to_thread(true_mount.now)):
         pass
     guard = guard_of(true_mount, tmp_path)
