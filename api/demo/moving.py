@@ -86,7 +86,14 @@ def orbit_of(place: Vector, velocity: Vector, mu: float) -> Orbit:
 
 
 def comet_elements(
-    utc: datetime, site: Site, air: Air, *, alt_deg: float = 55.0, az_deg: float = 150.0
+    utc: datetime,
+    site: Site,
+    air: Air,
+    *,
+    alt_deg: float = 55.0,
+    az_deg: float = 150.0,
+    distance_km: float = _COMET_KM,
+    speed_km_s: float = _COMET_KM_S,
 ) -> str:
     """Elements of a comet that stands there now and moves by about 1.4″/s, as JPL's SBDB writes them."""
     where = _direction(observed_to_icrs(Observed(az_deg, alt_deg, utc), site, air))
@@ -96,10 +103,10 @@ def comet_elements(
     sun = barycentric_state_km(_SUN, now.jd1, now.tdb2)
     assert sun is not None, "the shipped ephemeris covers the demo's time"
     sun_km, sun_km_s = sun[0], sun[1] / SECONDS_PER_DAY
-    place_km = earth_km + here_km + _COMET_KM * where - sun_km
+    place_km = earth_km + here_km + distance_km * where - sun_km
     # across the line of sight, against the Earth's own way: so the orbit stays one around the Sun
     ahead = earth_km_s - (earth_km_s @ where) * where
-    velocity_km_s = earth_km_s - sun_km_s - _COMET_KM_S * ahead / np.linalg.norm(ahead)
+    velocity_km_s = earth_km_s - sun_km_s - speed_km_s * ahead / np.linalg.norm(ahead)
     c, s = math.cos(OBLIQUITY_RAD), math.sin(OBLIQUITY_RAD)
     ecliptic = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
     orbit = orbit_of(

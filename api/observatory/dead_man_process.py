@@ -42,6 +42,13 @@ _LATER_S = 10.0
 """... and after the first ten. Doubled, a mount that is plugged in again goes on for so much longer."""
 _TRIES_SOON = 10
 """So many tries come one after the other. Chosen by hand: a line of a process that died is free at once."""
+_STOPS_AFTER = 3
+"""After so many tries in which the mount answered and kept its rates it is stopped, and rests. Doubled, it
+goes on for some seconds longer."""
+_DYING_S, _DYING_LOOK_S = 10.0, 0.02
+"""A dying service is waited for so long, and looked at so often, s: the kernel closes its files one after
+the other, the link maybe before the lock, and under load some time before it. Doubled, a link that was closed
+by a service that lives, which never happens, is acted on later."""
 _GIVES_UP_S = 7200.0
 """After so long it is given up, s: what is unplugged for two hours was switched off. Doubled, it waits for
 twice as long; a new service ends it in any case."""
@@ -53,6 +60,8 @@ _MOST_BYTES = 65_536
 _ENDING_S = 20.0
 """Asked to end (SIGTERM) while it tries, it does so for so long yet, s: systemd kills after 30 s (deploy).
 Doubled, it is killed before it has written what became of it."""
+_IT_ANSWERED = ("DeviceRefused", "RefusedButDone")
+"""Errors of a mount that was reached; by name, since the drivers are loaded late."""
 HELD_UP = frozenset({signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
 """Signals that it is started without, until it has its handlers."""
 
@@ -133,8 +142,9 @@ class Guard:
 
     def _act(self, why: str) -> None:
         """End what goes on, by trying until it is done or another service has the mount."""
-        began_s, tries, trouble = time.monotonic(), 0, ""
+        began_s, tries, kept, trouble = time.monotonic(), 0, 0, ""
         self._log(f"{why}: ending {' and '.join(self._what)}")
+        self._see_it_gone()
         while self._what:
             lived = not self.dead
             outcome = ""
@@ -144,8 +154,9 @@ class Guard:
                 elif locked or lived:
                     tries += 1
                     try:
-                        outcome = _ended(self._of, self._what)
+                        outcome = _ended(self._of, self._what, by_stop=kept >= _STOPS_AFTER)
                     except Exception as error:  # whatever it is, it is tried again
+                        kept += type(error).__name__ in _IT_ANSWERED
                         trouble = f"{type(error).__name__}: {error}"
                         self._log(f"try {tries}: {trouble}")
             asked_s = self.ending_s
@@ -161,6 +172,12 @@ class Guard:
             until_s = time.monotonic() + pause_s
             while self._what and time.monotonic() < until_s:
                 self._hear(until_s - time.monotonic())
+
+    def _see_it_gone(self) -> None:
+        """Wait until a service that dies is dead: the lock that it holds still is no other service's."""
+        until_s = time.monotonic() + _DYING_S
+        while self._gone and os.getppid() == self._parent and time.monotonic() < until_s:
+            time.sleep(_DYING_LOOK_S)
 
     def _report(self, why: str, outcome: str, tries: int, trouble: str) -> None:
         self._log(f"{outcome} (tries: {tries})")
@@ -214,18 +231,18 @@ def _locked(path: str) -> Iterator[bool]:
         os.close(number)
 
 
-def _ended(of: dict[str, Any], what: list[str]) -> str:
+def _ended(of: dict[str, Any], what: list[str], *, by_stop: bool) -> str:
     """Open the mount, end what goes on, and see that it has. Raises whatever goes wrong."""
     import asyncio
 
     async def in_time() -> str:
         async with asyncio.timeout(_TRY_TAKES_S):
-            return await _end(of, what)
+            return await _end(of, what, by_stop=by_stop)
 
     return asyncio.run(in_time())
 
 
-async def _end(of: dict[str, Any], what: list[str]) -> str:
+async def _end(of: dict[str, Any], what: list[str], *, by_stop: bool) -> str:
     from drivers.registry import open_mount
     from mountnav.devices import STARS_RATES, MovesAxes, Skill, Skilled, TakesOffsetRates, skills_of
     from mountnav.errors import DeviceError, DeviceRefused
@@ -246,7 +263,14 @@ async def _end(of: dict[str, Any], what: list[str]) -> str:
             except DeviceError:
                 await mount.stop()
             done.append("moved axes")
-        if "offset-rates" in what:
+        if "offset-rates" in what and by_stop and Skill.TRACK in skills and isinstance(mount, Skilled):
+            # it keeps its rates, whatever it is told: standing still is better than that
+            await mount.stop()
+            await mount.set_tracking(False)
+            done.append(
+                "rates beside the stars', by a stop: it kept them when it was told to end them, and rests"
+            )
+        elif "offset-rates" in what:
             if of["on_loss"] == "stop":
                 await mount.stop()
             if Skill.OFFSET_RATES in skills and isinstance(mount, TakesOffsetRates):

@@ -136,6 +136,15 @@ class Following:
             self._moved.pop(axis, None)
         await self._apply(turning, modes, began=began)
 
+    async def take_back(self, modes: tuple[int, int]) -> None:
+        """Let both motors rest, whatever they do, and the hand control track by itself."""
+        self.forget()
+        try:
+            await self._ask(base.move_at(Axis.DEC, 0.0))
+            await self._ask(base.move_at(Axis.RA, 0.0))
+        finally:
+            await self._ask(base.set_tracking(modes[1]))
+
     async def _apply(self, turning: Turning, modes: tuple[int, int], *, began: bool) -> None:
         off, on = modes
         if not self.under_way:

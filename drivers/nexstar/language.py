@@ -459,6 +459,12 @@ class NexstarLanguage(SerialLanguage):
         if not self._follows:
             raise self._unsupported("track at rates of its own")
         if rates.none and not self._following.under_way:
+            mode = await self._exchange.asked_if_known(base.get_tracking(self.handset))
+            if self._parking.parked or mode not in (None, Tracking.OFF):
+                return
+            # a program before us may have left its motors running: how they do can't be asked
+            await self._following.take_back(self._modes())
+            self._rate = None
             return
         turning = await self._turning() if not rates.none else Turning(None, self._usual_mode())
         await self._following.offset(rates, turning, self._modes())

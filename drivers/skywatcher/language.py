@@ -337,8 +337,16 @@ class SkywatcherLanguage(SkywatcherReading):
             If it doesn't track, or the board says no.
         """
         still = self._while_no_stop(lambda: True)
-        if rates.none and self._offsets is None and not await self._strays():
-            return
+        if rates.none and self._offsets is None:
+            stray = await self._strays()
+            if not stray:
+                return
+            if self._rate is None and Axis.HOUR_ANGLE in stray:
+                # it follows something: as for a star from here on
+                self._rate = TrackingRate.SIDEREAL
+            elif self._rate is None:
+                await self._motors.halt(Axis.DECLINATION, still)
+                return
         if self._rate is None:
             raise DeviceRefused(
                 "can't track at rates of its own: it doesn't track",
@@ -359,10 +367,15 @@ class SkywatcherLanguage(SkywatcherReading):
         if still():
             await self._watch_limit(sky * ground.first_deg_s)
 
-    async def _strays(self) -> bool:
-        """Whether the second motor runs on by itself, as a program before us may have left it."""
-        second = await self._motors.status(Axis.DECLINATION)
-        return second.running and not second.goto and not second.fast and self._rate is not None
+    async def _strays(self) -> frozenset[Axis]:
+        """Motors that run on by themselves, as a program before us may have left them."""
+        found = set()
+        for axis in Axis:
+            motor = await self._motors.status(axis)
+            known = axis is Axis.HOUR_ANGLE and self._rate is not None
+            if motor.running and not (motor.goto or motor.fast or known):
+                found.add(axis)
+        return frozenset(found)
 
     async def read_offset_rates(self) -> OffsetRates | None:
         """By the step periods and directions that the board tells; rest and tracking are those of a star."""

@@ -23,6 +23,10 @@ often by its driver. Doubled, rates go on for so much longer after a link is bac
 _TRIES = 3
 """After so many tries the mount is stopped. Doubled, rates that can't be ended go on for some seconds
 more."""
+_LAST_TRY_S = 8.0
+"""A try that is under way when its time is up is waited for so much longer, s: cut off, whether the mount
+took the end isn't known. A slow line answers in that time, or its driver says that it doesn't. Doubled, a
+service with a silent mount takes longer to end."""
 _TELL_AGAIN_S = 60.0
 """A failure is reported again after so long, s. Halved, an unplugged mount fills the journal twice as
 fast."""
@@ -62,6 +66,7 @@ class Ending:
         self._book, self._clock, self._tell = book, clock, tell
         self._task: asyncio.Task[None] | None = None
         self._wake = asyncio.Event()
+        self._trying = self._last = False
         self._told_s = -math.inf
         self._why = ""
         self.problem: str | None = None
@@ -71,9 +76,11 @@ class Ending:
         """End it, in a task of its own, until it is done; begun already is fine."""
         if not self._owed():
             return
-        self._wake.set()
+        if not self._trying:
+            # a stop that fails within a try says so as well: that is no news, and no reason to try at once
+            self._wake.set()
         if self._task is None or self._task.done():
-            self._why = why
+            self._why, self._last = why, False
             self._task = begun(self._run(why), f"end-{self._what}", died=self._died)
 
     async def now(self, why: str) -> None:
@@ -90,15 +97,20 @@ class Ending:
         self._done()
 
     async def over(self, within_s: float) -> bool:
-        """Wait so long until it has ended; whether it has."""
+        """Wait so long until it has ended, and for the try that is under way then; whether it has."""
         task = self._task
-        if task is not None and not task.done():
-            pause = waited_for(self._clock.sleep(within_s))
+        for pause_s in (within_s, _LAST_TRY_S):
+            if task is None or task.done():
+                break
+            pause = waited_for(self._clock.sleep(pause_s))
             try:
                 await asyncio.wait({task, pause}, return_when=asyncio.FIRST_COMPLETED)
             finally:
                 pause.cancel()
                 await asyncio.gather(pause, return_exceptions=True)
+            # none after the one that is under way
+            self._last = True
+            self._wake.set()
         return not self._owed()
 
     async def close(self) -> None:
@@ -122,16 +134,22 @@ class Ending:
         tries, stopped = 0, False
         while self._owed():
             self._wake.clear()
+            self._trying = True
             try:
                 await self._once(why)
             except MountnavError as error:
                 tries += 1
                 self._failed(error, why, tries)
+                if tries >= _TRIES and not stopped and not self._last:
+                    stopped = await self._stopped(why)
             else:
                 break
-            if tries >= _TRIES and not stopped:
-                stopped = await self._stopped(why)
-            await self._pause(_AGAIN_S if tries < _TRIES else _LATER_S)
+            finally:
+                self._trying = False
+            if not self._last:
+                await self._pause(_AGAIN_S if tries < _TRIES else _LATER_S)
+            if self._last:
+                return
         self._done()
 
     async def _stopped(self, why: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -426,10 +427,14 @@ class CheckedMount:
         await self._watch.end()
         await self._axes.close(_CLOSES_WITHIN_S)
         await self._rates.close(_CLOSES_WITHIN_S)
-        self._armed.let_go()
+        # only what its driver doesn't end either is the guard's; a driver that hangs holds it up no longer
+        hangs = asyncio.get_running_loop().call_later(_CLOSES_WITHIN_S, self._armed.let_go)
         try:
             await self._mount.close()
+            self._rates.driver_closed()
         finally:
+            hangs.cancel()
+            self._armed.let_go()
             await self._book.settle()
 
     async def reading(self) -> MountReading:

@@ -317,6 +317,14 @@ class RateOrders(SelfActingOrders):
                 await self._stop("the mount is let go")
         await self._let_go(within_s)
 
+    def driver_closed(self) -> None:
+        """The driver has let the mount go, and may have ended the rates by itself: no work for the guard."""
+        known: OffsetRates | None = getattr(self._mount, "rates_known", None)
+        if not self._owed or known is None or not known.none:
+            return
+        with self._written_end({"ra_arcsec_s": 0.0, "dec_arcsec_s": 0.0, "why": "its driver was closed"}):
+            self._settled()
+
     async def take_up(self, why: str) -> None:
         """An earlier run of the service has left rates in force: end them. Raises as `end`."""
         if Skill.OFFSET_RATES in skills_of(self._mount) and isinstance(self._mount, TakesOffsetRates):

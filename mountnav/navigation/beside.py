@@ -9,9 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mountnav.navigation.offset_trend import OffsetTrend
 from mountnav.pointing.limits import Mounting
 from mountnav.pointing.model.in_force import one_point_sigma_arcsec
 from mountnav.sky.chain import (
@@ -67,6 +71,8 @@ class Beside:
         One sigma each, on the sky, where it was seen.
     at : Icrs or None
         Where that was; None: nothing was seen, and the sigmas hold everywhere.
+    trend : OffsetTrend or None
+        How it changes on a pass, by the looks there; None elsewhere.
     """
 
     site: Site
@@ -78,6 +84,7 @@ class Beside:
     lon_sigma_arcsec: float = 0.0
     lat_sigma_arcsec: float = 0.0
     at: Icrs | None = None
+    trend: OffsetTrend | None = None
 
     @classmethod
     def nothing_seen(
@@ -112,6 +119,49 @@ class Beside:
         lon, lat = self._turns(self.aim_by(seen, utc), believed, utc)
         return self._with(lon, lat, sigma_arcsec, sigma_arcsec, seen)
 
+    def seen_on_the_way(
+        self,
+        seen: Icrs,
+        believed: Icrs,
+        utc: datetime,
+        sigma_arcsec: float,
+        along_arcsec: float,
+        toward: Icrs,
+    ) -> Beside:
+        """After a look at a tube that follows a fast target: how the offset changes is learned as well.
+
+        Parameters
+        ----------
+        sigma_arcsec : float
+            Of the look across the way, one sigma.
+        along_arcsec : float
+            ... and along it.
+        toward : Icrs
+            A place ahead on the way.
+        """
+        trend, at = self.trend, self.at
+        if trend is None or at is None:
+            alone = self.seen(seen, believed, utc, math.hypot(sigma_arcsec, along_arcsec))
+            cosine = self._cosine(seen, utc)
+            variances = (alone.lon_sigma_arcsec / cosine) ** 2, alone.lat_sigma_arcsec**2
+            return replace(
+                alone, trend=OffsetTrend.begun(utc, (alone.lon_arcsec, alone.lat_arcsec), variances)
+            )
+        seconds = (utc - trend.utc).total_seconds()
+        if seconds <= 0.0:
+            return self
+        cosine, change = self._cosine(seen, utc), self._grown(seen) / seconds
+        after = trend.seen(
+            utc,
+            self._turns(self.aim_by(seen, utc), believed, utc),
+            self._look_covariance(seen, toward, utc, sigma_arcsec, along_arcsec),
+            change_arcsec_s=(change / cosine, change),
+            way_deg=separation_arcsec(at, seen) / 3600.0,
+        )
+        lon, lat = after.at(utc)
+        left = [math.sqrt(one) for one in after.variances(utc)]
+        return replace(self._with(lon, lat, left[0] * cosine, left[1], seen), trend=after)
+
     def aim(self, place: Icrs, utc: datetime) -> Icrs:
         """Where to send the mount so that its tube looks at `place`."""
         return self._turned(self.aim_by(place, utc), 1.0, utc)
@@ -125,8 +175,11 @@ class Beside:
             place = self._with(lon, lat, 0.0, 0.0, None)._turned(place, 1.0, utc)
         return place
 
-    def sigma_arcsec(self, place: Icrs) -> float:
-        """How far off the tube may look there, one sigma per coordinate."""
+    def sigma_arcsec(self, place: Icrs, utc: datetime) -> float:
+        """How far off the tube may look there and then, one sigma per coordinate."""
+        if self.trend is not None and self.trend.turns:
+            lon, lat = self.trend.variances(utc)
+            return math.sqrt(0.5 * (lon * self._cosine(place, utc) ** 2 + lat))
         own = math.sqrt(0.5 * (self.lon_sigma_arcsec**2 + self.lat_sigma_arcsec**2))
         return math.hypot(own, self._grown(place))
 
@@ -158,10 +211,26 @@ class Beside:
         to_lon, to_lat = self._angles(believed, utc)
         return half_turn_deg(to_lon - lon) * 3600.0, (to_lat - lat) * 3600.0
 
+    def _cosine(self, place: Icrs, utc: datetime) -> float:
+        return max(1e-3, math.cos(math.radians(self._angles(place, utc)[1])))
+
+    def _look_covariance(
+        self, seen: Icrs, toward: Icrs, utc: datetime, across: float, along: float
+    ) -> NDArray[np.float64]:
+        """Of a look's offsets in the axes' angles: along the way it is less certain."""
+        cosine = self._cosine(seen, utc)
+        lon, lat = self._turns(seen, toward, utc)
+        way = np.array([lon * cosine, lat])
+        way /= max(float(np.linalg.norm(way)), 1e-9)
+        on_the_sky = across**2 * np.eye(2) + along**2 * np.outer(way, way)
+        as_angles = np.diag([1.0 / cosine, 1.0])
+        return np.asarray(as_angles @ on_the_sky @ as_angles)
+
     def _turned(self, place: Icrs, sign: float, utc: datetime) -> Icrs:
         lon, lat = self._angles(place, utc)
-        lon = turn_deg(lon + sign * self.lon_arcsec / 3600.0)
-        lat = max(-POLE_DEG, min(POLE_DEG, lat + sign * self.lat_arcsec / 3600.0))
+        by_lon, by_lat = (self.lon_arcsec, self.lat_arcsec) if self.trend is None else self.trend.at(utc)
+        lon = turn_deg(lon + sign * by_lon / 3600.0)
+        lat = max(-POLE_DEG, min(POLE_DEG, lat + sign * by_lat / 3600.0))
         if self.altaz:
             return observed_to_icrs(Observed(lon, lat, utc), self.site, self.air)
         return apparent_to_icrs(Apparent(lon, lat, utc))

@@ -52,6 +52,7 @@ from mountnav.errors import (
 from mountnav.journal.records import EntryKind
 from mountnav.navigation.beside import Aim, Beside
 from mountnav.navigation.centering import center_in_time
+from mountnav.navigation.derotating import Derotation
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.follow_plan import (
     PULSE_EVERY_S,
@@ -82,7 +83,7 @@ from mountnav.navigation.tube_estimate import TubeEstimate, rates_on_sky
 from mountnav.pointing.limits.along import Path, SkyEvent, SkyEventKind, forecast
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.sky.sphere import Offset, offset_arcsec, separation_arcsec
-from mountnav.tasks import together, waited_for
+from mountnav.tasks import first_of, together, waited_for
 
 __all__ = ["FollowEnd", "FollowProgress", "FollowReport", "Following", "progress_facts"]
 
@@ -181,6 +182,9 @@ OF_A_MOVING_TUBE = frozenset(
     {SyncDoubt.MOVED, SyncDoubt.OLDER_THAN_MOVE, SyncDoubt.NOT_FRESH, SyncDoubt.NOT_TRACKING}
 )
 """Doubts about a look that are none on a pass: there the tube moves among the stars, as it was told."""
+LEAST_STREAK_ARCSEC = 2.0
+"""The middle of a streak is no better known than that, ″: atmosphere and optics. Doubled, changes of how a
+mount points are learned from more looks."""
 WORST_CENTER_ARCSEC = 30.0
 """A center whose error isn't known is taken to be so far off, ″. Doubled, such looks count for less."""
 MISSES = 6
@@ -372,6 +376,7 @@ class Following:
     ) -> None:
         self._equipment, self._slewing, self._target = equipment, slewing, target
         self._mount, self._clock = equipment.mount, equipment.clock
+        self._derotation: Derotation | None = None
         self._policy, self._key, self._halt = policy, key, halt
         self._look_every_s = LOOK_EVERY_S if look_every_s is None else look_every_s
         self._heard = heard
@@ -431,9 +436,16 @@ class Following:
                 centered = await self._centered()
             began = self._clock.utc()
             self._tell("following", plan.words)
+            self._derotation = Derotation(self._equipment, self._path, self._until)
+            self._derotation.begin()
             await together(self._steer(), self._look_on())
         finally:
-            await self._over()
+            try:
+                await self._over()
+            finally:
+                if self._derotation is not None:
+                    await self._derotation.end()
+                    self.notes += [note for note in self._derotation.notes if note not in self.notes]
         return self._report(began, centered, self._clock.monotonic_s() - began_s)
 
     def stopped(self) -> None:
@@ -620,7 +632,7 @@ class Following:
         self._side = reading.side
         seen = self._beside.looks(from_mount(reading.place), reading.utc)
         self._tube = TubeEstimate.of(for_mount(seen, self._mount.epoch, reading.utc), reading.utc, 5.0)
-        stated = math.sqrt(2.0) * self._beside.sigma_arcsec(seen)
+        stated = math.sqrt(2.0) * self._beside.sigma_arcsec(seen, reading.utc)
         if stated > max(MOST_VAGUE_ARCSEC, self._tolerance):
             self._note(
                 f"no look shows how it points there: it may be {stated / 60.0:.0f}′ off (one sigma); "
@@ -665,7 +677,7 @@ class Following:
             if found is None:
                 continue
             sigma = found.solution.center_sigma_arcsec
-            if not self._weighed(found, sigma if math.isfinite(sigma) else WORST_CENTER_ARCSEC):
+            if not self._weighed(found, sigma if math.isfinite(sigma) else WORST_CENTER_ARCSEC, 0.0):
                 continue
             off = separation_arcsec(found.seen, self._path(comes))
             if off <= self._tolerance:
@@ -684,8 +696,16 @@ class Following:
             self._require_wanted()
         return comes
 
-    def _weighed(self, found: Look, sigma_arcsec: float) -> bool:
-        """Take in how far beside its belief a look saw the tube; whether it counts yet."""
+    def _weighed(self, found: Look, sigma_arcsec: float, along_arcsec: float) -> bool:
+        """Take in how far beside its belief a look saw the tube; whether it counts yet.
+
+        Parameters
+        ----------
+        sigma_arcsec : float
+            Of the look.
+        along_arcsec : float
+            What it is off by besides along the target's way, one sigma: its instant. 0 of a tube that waits.
+        """
         decision = self._equipment.guard.consider(found, SyncTrigger.CENTERING, target=self._key)
         against = [doubt for doubt in decision.against_the_sky if doubt not in OF_A_MOVING_TUBE]
         if against:
@@ -693,17 +713,24 @@ class Following:
             return False
         utc, before = found.mid_exposure_utc, self._odd
         thought = self._beside.looks(found.believed, utc)
-        allowed = math.hypot(self._beside.sigma_arcsec(thought), sigma_arcsec)
+        total = math.hypot(sigma_arcsec, along_arcsec)
+        allowed = math.hypot(self._beside.sigma_arcsec(thought, utc), total)
         off = separation_arcsec(thought, found.seen)
-        if off <= min(ODD_SIGMAS * math.sqrt(2.0) * allowed, max(MOST_VAGUE_ARCSEC, 3.0 * sigma_arcsec)):
-            self._beside = self._beside.seen(found.seen, found.believed, utc, sigma_arcsec)
+        if off <= min(ODD_SIGMAS * math.sqrt(2.0) * allowed, max(MOST_VAGUE_ARCSEC, 3.0 * total)):
+            if along_arcsec > 0.0:
+                ahead = self._path(min(utc + timedelta(seconds=1.0), self._until))
+                self._beside = self._beside.seen_on_the_way(
+                    found.seen, found.believed, utc, sigma_arcsec, along_arcsec, ahead
+                )
+            else:
+                self._beside = self._beside.seen(found.seen, found.believed, utc, sigma_arcsec)
         elif before is not None:
-            alone = self._beside.anew(before.seen, before.believed, before.mid_exposure_utc, sigma_arcsec)
+            alone = self._beside.anew(before.seen, before.believed, before.mid_exposure_utc, total)
             again = separation_arcsec(alone.looks(found.believed, utc), found.seen)
-            if again > ODD_SIGMAS * math.hypot(alone.sigma_arcsec(found.seen), sigma_arcsec):
+            if again > ODD_SIGMAS * math.hypot(alone.sigma_arcsec(found.seen, utc), total):
                 self._odd = found
                 return False
-            self._beside = self._beside.anew(found.seen, found.believed, utc, sigma_arcsec)
+            self._beside = self._beside.anew(found.seen, found.believed, utc, total)
         else:
             self._odd = found
             return False
@@ -746,7 +773,9 @@ class Following:
             )
         await self._read_on(plan)
         now = clock.utc()
-        off = self._off_now(now)
+        # they take effect about in the middle of the order: what counts is where both are then
+        takes = now + timedelta(seconds=0.5 * self._order_s)
+        off = self._off_at(takes, self._path(min(takes, self._until)))
         span_s, catch = plan.renew_s, Offset(0.0, 0.0)
         steady = self._steady
         if off.total_arcsec > DEAD_SHARE * self._tolerance and not (steady and self._leg_from is not None):
@@ -758,7 +787,7 @@ class Following:
                 span_s = within_s = max(CATCH_UP_S, off.total_arcsec / MOST_CATCH_UP_ARCSEC_S)
             catch = Offset(-off.east_arcsec / within_s, -off.north_arcsec / within_s)
         span_s = max(SHORTEST_S, 2.0 * self._order_s, min(span_s, (self._until - now).total_seconds()))
-        wanted = mount_rates(self._path, now, mount.epoch, span_s)
+        wanted = mount_rates(self._path, takes, mount.epoch, span_s)
         assert self._tube is not None
         drift_east, drift_north = self._tube.drift_arcsec_s
         dec_deg = for_mount(self._path(now), mount.epoch, now).dec_deg
@@ -876,7 +905,9 @@ class Following:
         left = 0.0 if plan is None else plan.left_arcsec
         ends = self._target.ends_utc
         own = self._target.sigma_arcsec(utc if ends is None else min(utc, ends))
-        return math.hypot(math.sqrt(2.0) * self._beside.sigma_arcsec(seen), TIME_SIGMA_S * speed, own, left)
+        return math.hypot(
+            math.sqrt(2.0) * self._beside.sigma_arcsec(seen, utc), TIME_SIGMA_S * speed, own, left
+        )
 
     async def _alarm(self, place: Apparent | Icrs, utc: datetime, wrong_arcsec: float, led_s: float) -> None:
         """The mount says itself that it goes elsewhere: end that, and name what it is if that can be."""
@@ -1021,6 +1052,7 @@ class Following:
                     found = await self._looked(exposure_s)
             if found is not None:
                 await self._took(found)
+                await self._stands(found)
             judged = self._judgement is not None and self._judgement.verdict == "right"
             soon = self._looks < FIRST_LOOKS and not judged
             every_s = min(self._look_every_s, 15.0) if soon else self._look_every_s
@@ -1046,9 +1078,15 @@ class Following:
             found = await self._looked(exposure_s)
             if found is not None:
                 await self._took_streak(found, speed)
+                await self._stands(found)
             spent_s = self._clock.monotonic_s() - began
             left_s = (self._until - self._clock.utc()).total_seconds()
             await self._pause_unwoken(min(max(0.0, STREAK_EVERY_S - spent_s), max(0.0, left_s)))
+
+    async def _stands(self, found: Look) -> None:
+        """How the image of a look stands: where the mount turns the field, a rotator turns with it."""
+        if self._derotation is not None:
+            await self._derotation.seen(found)
 
     async def _took_streak(self, found: Look, speed: float) -> None:
         """What a look on a fast pass shows; along its way no better than its instant is known."""
@@ -1061,9 +1099,8 @@ class Following:
             if not self._kept or utc < self._kept[0].since_utc:
                 return
             # a clock that is off is off for each look: it hides from all of them, and none counts less for it
-            if not self._weighed(
-                found, math.hypot(own if math.isfinite(own) else WORST_CENTER_ARCSEC, JITTER_S * speed)
-            ):
+            own = max(own, LEAST_STREAK_ARCSEC) if math.isfinite(own) else WORST_CENTER_ARCSEC
+            if not self._weighed(found, own, JITTER_S * speed):
                 self._tell("following", "a look is far from what was known: the next one decides")
                 return
             self._looks += 1
@@ -1346,13 +1383,7 @@ class Following:
         """Wait so long, or until something is new."""
         if seconds <= 0.0:
             return
-        waiting = [waited_for(self._clock.sleep(seconds)), waited_for(self._wake.wait())]
-        try:
-            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for task in waiting:
-                task.cancel()
-            await asyncio.gather(*waiting, return_exceptions=True)
+        await first_of(self._clock.sleep(seconds), self._wake.wait())
 
     def _note(self, words: str) -> None:
         if words not in self.notes:

@@ -47,13 +47,14 @@ from mountnav.guiding.guider import Correction, Guider, LookFate
 from mountnav.guiding.trends import Bending, BendingSeen, Trend, TrendSeen
 from mountnav.journal.records import EntryKind
 from mountnav.mount.kill_points import kill_point
+from mountnav.navigation.derotating import Derotation
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.look_retries import PersistentLook, cheap
 from mountnav.navigation.reports import Look
 from mountnav.sky.chain import icrs_to_hour_angle
 from mountnav.sky.coordinates import SIDEREAL_DEG_S, Icrs
 from mountnav.sky.sphere import displaced, offset_arcsec, separation_arcsec
-from mountnav.tasks import waited_for
+from mountnav.tasks import first_of, waited_for
 
 GUIDE_SHARE = 0.5
 """Share of the sidereal rate that a mount is taken to guide at where it doesn't say: the usual setting. It is
@@ -367,6 +368,7 @@ class Holding:
         self._scale: float | None = None
         self._counts = _Counts()
         self._rotation = TrendSeen(360.0)
+        self._derotation: Derotation | None = None
         self._bending = BendingSeen()
         self._rates = STARS_RATES
         self._told_fault = ""
@@ -495,7 +497,11 @@ class Holding:
             if asked is not None:
                 asked.cancel()
             self._end_dithers()
-            await asyncio.shield(self._let_go())
+            try:
+                await asyncio.shield(self._let_go())
+            finally:
+                if self._derotation is not None:
+                    await self._derotation.end()
 
     async def _once(self, wish: DitherWish) -> DitherReport:
         return await self.dither(wish)
@@ -523,14 +529,7 @@ class Holding:
         if left_s <= 0.0 or not self._asked.empty():
             return
         self._wake.clear()
-        woken = waited_for(self._wake.wait())
-        slept = waited_for(clock.sleep(left_s))
-        try:
-            await asyncio.wait({woken, slept}, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for task in (woken, slept):
-                task.cancel()
-            await asyncio.gather(woken, slept, return_exceptions=True)
+        await first_of(self._wake.wait(), clock.sleep(left_s))
 
     # -- looks ---------------------------------------------------------------------------------------
 
@@ -558,14 +557,7 @@ class Holding:
                 self._counts.looks += 1
                 return None, f"no frame came for {limit_s:.0f} s"
             self._wake.clear()
-            woken = waited_for(self._wake.wait())
-            slept = waited_for(clock.sleep(left_s))
-            try:
-                await asyncio.wait({woken, slept}, return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                for task in (woken, slept):
-                    task.cancel()
-                await asyncio.gather(woken, slept, return_exceptions=True)
+            await first_of(self._wake.wait(), clock.sleep(left_s))
             if self._frames.empty() and not self._asked.empty() and self._origin is not None:
                 return None, None if self._dithering is not None else "a dither is asked for"
         self._counts.looks += 1
@@ -597,6 +589,11 @@ class Holding:
             from_origin = offset_arcsec(look.seen, self._origin)
             self._bending.guide_look(utc_s, from_origin.east_arcsec, from_origin.north_arcsec)
         self._rotation.add(utc_s, look.solution.rotation_deg)
+        if self._derotation is None:
+            held = self._origin
+            self._derotation = Derotation(self._equipment, lambda _: held, self._ends_utc())
+            self._derotation.begin()
+        await self._derotation.seen(look)
         self._turned = self._axes_turn(look.mid_exposure_utc)
         primary, secondary = self._to_axes(off.east_arcsec, off.north_arcsec)
         # a search for a period takes up to seconds: a stop must not wait for that
@@ -875,6 +872,10 @@ class Holding:
     async def _note(self, what: str, facts: dict[str, object]) -> None:
         await self._equipment.note(EntryKind.DECISION, what, facts)
         self._equipment.listen("holding", {"what": what, **facts})
+
+    def _ends_utc(self) -> datetime | None:
+        for_s = self._plan.for_s
+        return None if for_s is None else self._epoch_utc + timedelta(seconds=for_s)
 
     def _seconds(self, utc: datetime) -> float:
         return (utc - self._epoch_utc).total_seconds()

@@ -18,7 +18,7 @@ from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.reports import Look, Rotation, Turn
 from mountnav.navigation.rotator import SENSE_FROM_DEG, CheckedRotator, nearest_within
 
-__all__ = ["FieldAngle", "Rotating", "angle_off_deg", "require_angle"]
+__all__ = ["FieldAngle", "Rotating", "angle_off_deg", "heed_rotator", "require_angle"]
 
 MOST_TURNS = 5
 """So many turns are made for one position angle: one to learn the sense, one to come there, the others for
@@ -210,15 +210,7 @@ class Rotating:
         return turn
 
     async def _seen(self, rotator: CheckedRotator, found: Look) -> None:
-        """Hold what a look shows of the camera against the rotator's count."""
-        learned, side = self.equipment.guard.learned, found.after.side
-        frame = MountFrame(learned.rules.mounting, found.mid_exposure_utc, self.equipment.site)
-        camera_deg = frame.angle_deg(found.seen, found.solution.rotation_deg)
-        modulo_deg = 360.0
-        if learned.rules.mounting not in ("fork", "altaz"):
-            modulo_deg = 180.0 if side is PierSide.UNKNOWN else 360.0
-            camera_deg -= 180.0 if side is PierSide.WEST else 0.0
-        self._say(rotator.shown(await rotator.standing_deg(), camera_deg, modulo_deg))
+        self._say(await heed_rotator(self.equipment, rotator, found))
 
     def _given_up(
         self, wanted: FieldAngle, off_deg: float, tolerance_deg: float, turns: int
@@ -238,6 +230,24 @@ class Rotating:
     def _say(self, words: str) -> None:
         if words and words not in self.notes:
             self.notes.append(words)
+
+
+async def heed_rotator(equipment: Equipment, rotator: CheckedRotator, found: Look) -> str:
+    """Hold what a look shows of the camera against the rotator's count; why it isn't believed, if so.
+
+    Raises
+    ------
+    DeviceError
+        It doesn't say how it stands.
+    """
+    learned, side = equipment.guard.learned, found.after.side
+    frame = MountFrame(learned.rules.mounting, found.mid_exposure_utc, equipment.site)
+    camera_deg = frame.angle_deg(found.seen, found.solution.rotation_deg)
+    modulo_deg = 360.0
+    if learned.rules.mounting not in ("fork", "altaz"):
+        modulo_deg = 180.0 if side is PierSide.UNKNOWN else 360.0
+        camera_deg -= 180.0 if side is PierSide.WEST else 0.0
+    return rotator.shown(await rotator.standing_deg(), camera_deg, modulo_deg)
 
 
 def _facts(rotation: Rotation) -> dict[str, object]:

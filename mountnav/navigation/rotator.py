@@ -59,12 +59,15 @@ class RotatorRules:
         Whether the position angle grows with the count; None: learned by solves.
     tolerance_deg : float
         A position angle so near counts as reached.
+    derotates : bool
+        Whether it turns with the field where the mount turns that.
     """
 
     least_deg: float = 0.0
     most_deg: float = 360.0
     sense: int | None = None
     tolerance_deg: float = 0.5
+    derotates: bool = True
 
     def __post_init__(self) -> None:
         numbers = (self.least_deg, self.most_deg, self.tolerance_deg)

@@ -115,6 +115,9 @@ class RotatorSettings(Section):
         Whether position angles grow with its angle; left out, solves show it.
     tolerance_deg : float
         A position angle so near counts as reached.
+    derotate : bool
+        Whether it turns with the field of an alt-azimuth mount while a target is followed or held; false
+        where another program does that.
     """
 
     url: str = Field(pattern=r"^(indi://|alpaca\+https?://|simulated://$)")
@@ -123,6 +126,7 @@ class RotatorSettings(Section):
     never_through_deg: float | None = Field(default=None, ge=-360, le=360)
     sense: Literal[1, -1] | None = None
     tolerance_deg: float = Field(default=0.5, gt=0, le=45)
+    derotate: bool = True
 
     @model_validator(mode="after")
     def _limits_once(self) -> Self:
@@ -160,4 +164,4 @@ class RotatorSettings(Section):
         if least is None or most is None:
             least = self.never_through_deg or 0.0
             most = least + 360.0
-        return RotatorRules(least, most, self.sense, self.tolerance_deg)
+        return RotatorRules(least, most, self.sense, self.tolerance_deg, self.derotate)

@@ -29,9 +29,12 @@ class FollowingMount(SimulatedMount):
     fails : set of str
         Orders that fail now: "rates", "end-rates", "axis", "end-axis" are not answered, "deaf-rates" accepts
         their end and keeps them.
+    slow_s : float
+        How long the end of rates takes.
     """
 
     most: OffsetRates | None = OffsetRates(10_000.0, 10_000.0)
+    slow_s = 0.0
 
     def __init__(self, *args: object, **kwargs: object) -> None:
         super().__init__(*args, **kwargs)  # type: ignore[arg-type]
@@ -49,6 +52,9 @@ class FollowingMount(SimulatedMount):
     async def set_offset_rates(self, rates: OffsetRates) -> None:
         await self.cable.ask()
         self.ordered.append(("rates", rates.ra_arcsec_s, rates.dec_arcsec_s))
+        self._rates = None
+        if rates.none:
+            await self._clock.sleep(self.slow_s)
         if ("end-rates" if rates.none else "rates") in self.fails:
             raise DeviceSilent("no answer", device=self.name)
         if "refuse-rates" in self.fails:
@@ -56,6 +62,7 @@ class FollowingMount(SimulatedMount):
         if not (rates.none and "deaf-rates" in self.fails):
             self.mechanics.track_beside(rates.ra_arcsec_s, rates.dec_arcsec_s)
         await self.cable.ask()
+        self._rates = rates
 
     async def offset_rates(self) -> OffsetRates | None:
         await self.cable.ask()

@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 
 import pytest
 
-from mountnav.devices import Direction, OffsetRates, TrackingRate
+from mountnav.devices import STARS_RATES, Direction, OffsetRates, TrackingRate
 from mountnav.errors import (
     BadRequest,
     Busy,
@@ -319,6 +319,72 @@ async def _link(rig: FollowingRig) -> None:
     with pytest.raises(DeviceError):
         await rig.mount.reading()
     await rig.clock.sleep(40.0)
+
+
+def test_an_end_that_is_slow_as_the_mount_is_let_go_is_no_work_for_the_guard() -> None:
+    async def work(rig: FollowingRig) -> None:
+        await follow(rig, COMET, 600.0)
+        rig.following.slow_s = 7.0  # longer than the mount is waited for
+        await rig.mount.close()
+        assert rig.mechanics.beside_arcsec_s == (0.0, 0.0)
+        assert "take over" not in rig.guard.told
+        assert rig.guard.until_utc is None
+
+    rig = run_following(work)
+    assert rig.outcomes()[-1] == ("offset-rates", Outcome.DONE)
+
+
+def test_rates_that_only_the_driver_could_end_as_it_was_closed_are_no_work_for_the_guard() -> None:
+    async def work(rig: FollowingRig) -> None:
+        await follow(rig, COMET, 600.0)
+        rig.following.fails = {"end-rates"}
+
+        async def close() -> None:
+            rig.following.fails = set()
+            await rig.following.set_offset_rates(STARS_RATES)
+
+        rig.driver.close = close  # type: ignore[method-assign]
+        await rig.mount.close()
+        assert rig.mechanics.beside_arcsec_s == (0.0, 0.0)
+        assert "take over" not in rig.guard.told
+        assert rig.guard.until_utc is None
+
+    rig = run_following(work)
+    assert rig.outcomes()[-1] == ("offset-rates", Outcome.DONE)
+
+
+@pytest.mark.parametrize("hangs", [False, True])
+def test_rates_that_nobody_could_end_as_the_mount_was_let_go_are_the_guard_s(hangs: bool) -> None:
+    async def work(rig: FollowingRig) -> None:
+        await follow(rig, COMET, 600.0)
+        rig.following.fails = {"end-rates"}
+
+        async def close() -> None:
+            if hangs:
+                while "take over" not in rig.guard.told:
+                    await rig.clock.sleep(0.5)
+
+        rig.driver.close = close  # type: ignore[method-assign]
+        await rig.mount.close()
+        assert "take over" in rig.guard.told
+        assert "disarm" not in rig.guard.told
+
+    run_following(work)
+
+
+def test_an_unplugged_mount_is_tried_again_after_pauses_and_let_go_twice() -> None:
+    async def work(rig: FollowingRig) -> None:
+        await follow(rig, COMET, 600.0)
+        rig.following.fails = {"end-rates"}
+        await rig.mount.close()
+        # its cable is closed now: each try fails at once, and so does each stop
+        began_s = rig.clock.monotonic_s()
+        await rig.mount.close()
+        assert rig.clock.monotonic_s() - began_s > 1.0
+        assert len(rig.journal.commands) < 30
+        assert rig.guard.told == ["arm", "take over", "take over"]
+
+    run_following(work)
 
 
 @pytest.mark.long

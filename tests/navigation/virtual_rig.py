@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -24,7 +25,7 @@ from mountnav.simulation.rotator_mechanics import RotatorBehavior, RotatorMechan
 from mountnav.simulation.sky_script import SkyScript
 from mountnav.simulation.sky_seen import SeenThrough, SkySeen
 from mountnav.simulation.virtual_time import VirtualClock, run_virtually
-from mountnav.sky.chain import hour_angle_to_icrs
+from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_hour_angle
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
 
@@ -58,12 +59,15 @@ class VirtualRig:
     clock: VirtualClock
     events: list[tuple[str, dict[str, object]]] = field(default_factory=list)
     rotates: RotatorMechanics | None = None
+    altaz: bool = False
 
     @property
     def turned_deg(self) -> float:
         """How the camera truly stands on the sky: position angle of its +y."""
         assert self.rotates is not None
-        return (self.mechanics.tube_angle_deg(self.clock.utc()) + self.rotates.camera_deg()) % 360.0
+        field_deg = parallactic_deg(self.mechanics, self.clock.utc()) if self.altaz else 0.0
+        tube_deg = self.mechanics.tube_angle_deg(self.clock.utc())
+        return (tube_deg + field_deg + self.rotates.camera_deg()) % 360.0
 
     def up(self, ha_deg: float, dec_deg: float) -> Icrs:
         """A place that stands at this hour angle now."""
@@ -82,6 +86,15 @@ class VirtualRig:
         return [one for one in self.journal.entries if one.kind is kind]
 
 
+def parallactic_deg(mechanics: Mechanics, utc: datetime) -> float:
+    """Position angle of the zenith where the tube looks [Meeus 1998, 14.1]."""
+    here = icrs_to_hour_angle(mechanics.truth(utc), utc, SITE, AIR)
+    ha, dec, phi = (math.radians(one) for one in (here.ha_deg, here.dec_deg, SITE.latitude_deg))
+    return math.degrees(
+        math.atan2(math.sin(ha), math.tan(phi) * math.cos(dec) - math.sin(dec) * math.cos(ha))
+    )
+
+
 def in_virtual_time(
     work: Callable[[VirtualRig], Coroutine[Any, Any, Result]],
     *,
@@ -95,10 +108,17 @@ def in_virtual_time(
     wrap: Callable[[Mount], Mount] = lambda mount: mount,
     rotates: RotatorBehavior | None = None,
     rotator_starts_deg: float = 0.0,
+    altaz: bool = False,
     made: type[SimulatedMount] = SimulatedMount,
     **given: Any,
 ) -> Result:
-    """Open a rig, let `work` have it, close it; hours take moments."""
+    """Open a rig, let `work` have it, close it; hours take moments.
+
+    Parameters
+    ----------
+    altaz : bool
+        The field turns as on an alt-azimuth mount, by the textbook's parallactic angle.
+    """
     clock = VirtualClock(START)
     mechanics = Mechanics(SITE, AIR, errors, machine=machine, clock=clock)
     mount = made(mechanics, clock, behavior or MountBehavior())
@@ -107,7 +127,12 @@ def in_virtual_time(
     if rotates is not None:
         rotator = RotatorMechanics(clock, rotates, starts_deg=rotator_starts_deg, zero_deg=turned_deg)
         given["rotator"] = simulated_rotator(rotator, clock)
-    stands = turned_deg if rotator is None else rotator.camera_deg
+    fixed = turned_deg if rotator is None else rotator.camera_deg
+
+    def stands(utc: datetime) -> float:
+        camera_deg = fixed(utc) if callable(fixed) else fixed
+        return camera_deg + (parallactic_deg(mechanics, utc) if altaz else 0.0)
+
     camera = TruthCamera(mechanics, clock, script, through, turned_deg=stands)
     sky = SkySeen(script, clock, through)
     journal = MemoryJournal()
@@ -127,13 +152,13 @@ def in_virtual_time(
                 solve=sky,
                 journal=journal,
                 clock=clock,
-                mounting=mechanics.machine.mounting,
+                mounting="altaz" if altaz else mechanics.machine.mounting,
                 **given,
             )
         )
         await navigator.open()
         try:
-            rig = VirtualRig(navigator, mount, mechanics, camera, sky, journal, clock, events, rotator)
+            rig = VirtualRig(navigator, mount, mechanics, camera, sky, journal, clock, events, rotator, altaz)
             return await work(rig)
         finally:
             await navigator.close()

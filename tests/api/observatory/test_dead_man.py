@@ -42,7 +42,7 @@ SETTINGS = (
 [[telescope]]
 id = "east"
 [telescope.mount]
-url = "lx200+serial://{device}?dialect=onstep"
+url = "{url}"
 mounting = "german"
 [telescope.camera]
 kind = "folder"
@@ -56,6 +56,7 @@ past_meridian_west_deg = 180.0
 on_loss = "{on_loss}"
 """
 )
+ONSTEP = "lx200+serial://{device}?dialect=onstep"
 _MANY = 6
 """Deaths of the service in the long test."""
 
@@ -66,6 +67,7 @@ class TrueMount:
 
     device: str
     process: subprocess.Popen[str]
+    url: str = ""
     told: list[dict[str, Any]] = field(default_factory=list)
 
     def now(self) -> dict[str, Any]:
@@ -94,6 +96,12 @@ def sidereal(told: dict[str, Any]) -> bool:
     )
 
 
+def as_a_star(told: dict[str, Any]) -> bool:
+    """The same of any family, by its motors, to what its protocol rounds: 0.1″/s."""
+    ha, dec = told["velocity"]
+    return bool(abs(ha - SIDEREAL_DEG_S) < 3e-5 and abs(dec) < 3e-5)
+
+
 def follows(told: dict[str, Any]) -> bool:
     """Whether it has rates."""
     return bool(abs(told["beside"][0]) > 1.0)
@@ -107,11 +115,19 @@ def rests(told: dict[str, Any]) -> bool:
 @pytest.fixture
 def true_mount() -> Iterator[TrueMount]:
     """A mount that outlives the service."""
+    with mount_of() as mount:
+        yield mount
+
+
+@contextlib.contextmanager
+def mount_of(url: str = ONSTEP, *kind: str) -> Iterator[TrueMount]:
+    """The same, of a family: how its URL begins and ends, protocol and dialect."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "tests.api.observatory.true_mount"], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "tests.api.observatory.true_mount", *kind], stdout=subprocess.PIPE, text=True
     )
     assert process.stdout is not None
-    mount = TrueMount(process.stdout.readline().strip(), process)
+    device = process.stdout.readline().strip()
+    mount = TrueMount(device, process, url.format(device=device))
 
     def read() -> None:
         assert process.stdout is not None
@@ -166,11 +182,19 @@ class Place:
             "MOUNTNAV_CACHE": str(self.folder / "cache"),
         }
 
-    def serve(self, what: str = "rates", renew: str = "renew") -> Service:
+    def serve(self, what: str = "rates", renew: str = "renew", *more: str) -> Service:
         """Start it."""
         with (self.folder / "log").open("a") as log:
             process = subprocess.Popen(
-                [sys.executable, "-m", "tests.api.observatory.follower", str(self.settings), what, renew],
+                [
+                    sys.executable,
+                    "-m",
+                    "tests.api.observatory.follower",
+                    str(self.settings),
+                    what,
+                    renew,
+                    *more,
+                ],
                 stdout=subprocess.PIPE,
                 stderr=log,
                 text=True,
@@ -214,9 +238,10 @@ def place(true_mount: TrueMount, tmp_path: Path) -> Iterator[Place]:
 
 
 def placed(folder: Path, mount: TrueMount, on_loss: str = "sidereal") -> Place:
+    url = mount.url or ONSTEP.format(device=mount.device)
     settings = folder / "observatory.toml"
     (folder / "frames").mkdir(exist_ok=True)
-    settings.write_text(SETTINGS.format(device=mount.device, folder=folder / "frames", on_loss=on_loss))
+    settings.write_text(SETTINGS.format(url=url, folder=folder / "frames", on_loss=on_loss))
     return Place(folder, settings, folder / "journal.sqlite")
 
 
@@ -343,6 +368,43 @@ def test_none_of_many_outlive_a_service_that_is_killed_at_any_moment(
     print(f"ended after {max(took):.2f} s at most")
 
 
+FAMILIES = {
+    "skywatcher": ("skywatcher+serial://{device}", ("skywatcher", ""), ("rates", "axis")),
+    "nexstar": ("nexstar+serial://{device}", ("nexstar", ""), ("rates", "axis")),
+    "ioptron": ("ioptron+serial://{device}", ("ioptron", ""), ("ra", "axis")),
+    "astro-physics": ("lx200+serial://{device}?dialect=ap", ("lx200", "ap"), ("ra",)),
+    "am5": ("lx200+serial://{device}?dialect=am5", ("lx200", "am5"), ("axis",)),
+    "alpaca": ("{device}", ("alpaca", ""), ("rates", "axis")),
+}
+"""How each family's URL is written, its fake, and what its protocol lets go on by itself; OnStep is above."""
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_of_no_family_anything_outlives_a_killed_service(family: str, tmp_path: Path) -> None:
+    url, kind, goes_on = FAMILIES[family]
+    with mount_of(url, *kind) as mount:
+        place = placed(tmp_path, mount)
+        try:
+            for what in goes_on:
+                service = place.serve(what, "renew", "slew")
+                service.says("in force")
+                mount.until(lambda told: not as_a_star(told))
+                service.kill()
+                # a hand control that was told to move an axis tracks no more, and rests
+                over = as_a_star if what != "axis" else lambda told: as_a_star(told) or rests(told)
+                mount.until(over)
+                until(lambda: not place.guards())
+                assert over(mount.now())
+                (report,) = place.reports()
+                assert report["outcome"].startswith("ended")
+        finally:
+            for one in place.served:
+                one.kill()
+            for guard in place.guards():
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(guard, signal.SIGKILL)
+
+
 @pytest.mark.long
 def test_the_fake_mount_of_the_command_line_is_left_at_the_sidereal_rate(tmp_path: Path) -> None:
     link = tmp_path / "port"
@@ -408,6 +470,42 @@ async def test_a_guard_that_hears_nothing_in_time_acts(true_mount: TrueMount, tm
     guard.told()
     assert guard.reports() == []
     await guard.close()
+
+
+DIES_SLOWLY = """
+import asyncio, os, pathlib, sys, time
+from datetime import timedelta
+from api.observatory.dead_man import MountGuard
+from mountnav.clock import utc_now
+from tests.api.observatory.true_mount import SITE
+
+async def die():
+    guard = MountGuard("east", sys.argv[1], SITE, "sidereal", folder=pathlib.Path(sys.argv[2]))
+    await guard.hold()
+    guard.arm(utc_now() + timedelta(seconds=600.0), ["offset-rates"])
+    # as the kernel may: the link first, the lock some time later
+    guard._link.close()
+    time.sleep(1.0)
+    os._exit(0)
+
+asyncio.run(die())
+"""
+
+
+async def test_the_lock_of_a_service_that_is_still_dying_is_no_other_service(
+    true_mount: TrueMount, tmp_path: Path
+) -> None:
+    await _rates_of(true_mount.device, OffsetRates(5.0, 5.0))
+    url = ONSTEP.format(device=true_mount.device)
+    dies = [sys.executable, "-c", DIES_SLOWLY, url, str(tmp_path)]
+    await asyncio.to_thread(subprocess.run, dies, check=True)
+    while not sidereal(await asyncio.to_thread(true_mount.now)):
+        pass
+    guard = guard_of(true_mount, tmp_path)
+    while not guard.reports():
+        await asyncio.sleep(0.05)
+    (report,) = guard.reports()
+    assert report["outcome"].startswith("ended")
 
 
 async def test_a_guard_that_is_disarmed_does_nothing(true_mount: TrueMount, tmp_path: Path) -> None:

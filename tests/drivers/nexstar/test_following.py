@@ -102,6 +102,31 @@ async def test_it_follows_on_both_sides(site: Site, side: PierSide) -> None:
     assert fake.unknown == []
 
 
+async def test_a_driver_that_comes_anew_ends_what_the_one_before_has_left() -> None:
+    fake = german()
+    async with opened(fake) as mount:
+        await mount.slew(beside_the_meridian(fake.mechanics, PierSide.EAST))
+        await mount.set_offset_rates(OffsetRates(6.0, -4.0))
+        # as one that was killed: a driver that is closed ends its rates
+        mount._session.drift.ours = False
+    assert kept_rates(fake.mechanics, for_s=20.0) == pytest.approx((6.0, -4.0), abs=0.05)
+    async with opened(fake) as mount:
+        await mount.set_offset_rates(STARS_RATES)
+        assert kept_rates(fake.mechanics) == pytest.approx((0.0, 0.0), abs=1e-3)
+        assert (await mount.reading()).tracking is True
+
+
+async def test_a_parked_mount_is_not_set_going_by_the_end_of_rates() -> None:
+    fake = german()
+    async with opened(fake) as mount:
+        await mount.slew(beside_the_meridian(fake.mechanics, PierSide.EAST))
+        await mount.set_park()
+        await mount.park()
+        heard = len(fake.heard)
+        await mount.set_offset_rates(STARS_RATES)
+        assert not any(command[:1] in (b"T", b"P") for command in fake.heard[heard:])
+
+
 async def test_slow_rates_are_refused_and_it_goes_on_tracking() -> None:
     fake = german()
     async with opened(fake) as mount:

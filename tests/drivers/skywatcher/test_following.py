@@ -108,6 +108,24 @@ async def test_rates_that_turn_the_first_motor_round_or_let_it_rest() -> None:
         assert kept_rates(fake.mechanics)[1] == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("ra", [0.0, 6.0, 400.0, 15.041067])
+async def test_a_driver_that_comes_anew_ends_what_the_one_before_has_left(ra: float) -> None:
+    fake = quick("az-eq6")
+    async with mounted(fake) as mount:
+        await mount.slew(beside_the_meridian(fake.mechanics, EAST))
+        await mount.set_offset_rates(OffsetRates(ra, -30.0))
+        # as one that was killed: a driver that is closed ends its rates
+        mount._session.drift.ours = False
+    assert abs(fake.mechanics.axis_velocity("dec")) > 0.005
+    async with mounted(fake) as mount:
+        await mount.set_offset_rates(STARS_RATES)
+        assert await mount.offset_rates() == STARS_RATES
+        assert fake.mechanics.axis_velocity("dec") == pytest.approx(0.0, abs=1e-6)
+        # one that rested to follow its target rests: whether it should track nobody knows
+        along_deg_s = 0.0 if ra > 15.0 and ra < 16.0 else SIDEREAL_DEG_S
+        assert fake.mechanics.axis_velocity("ha") == pytest.approx(along_deg_s, abs=1e-5)
+
+
 async def test_what_it_cannot_run_at_is_refused_and_changes_nothing() -> None:
     fake = quick("eq6")
     async with mounted(fake) as mount:
