@@ -20,6 +20,7 @@ help:
 	@echo "make lock    resolve the dependencies anew into requirements.lock and requirements-runtime.lock"
 	@echo "make wheels  the packages mountnav and mountnav-tycho2 in dist/, for pip and pipx"
 	@echo "make deb     a Debian package in dist/, for this Debian's own Python"
+	@echo "make image   a container image, by docker, podman or buildah"
 	@echo "make release wheel, sdist and SBOM of a tagged version in dist/, checked (docs/how-to/release.md)"
 
 # The stamp stands for: environment made, locked dependencies in it, mountnav installed editable.
@@ -56,11 +57,11 @@ format: $(VENV)/.set-up
 	$(BIN)/ruff check --fix .
 
 # --no-emit-index-url: the locks name versions and hashes, never a host. The second one is for images and packages:
-# what runs needs, in the same versions as it was tested with. mountnav-tycho2 is built from this checkout.
+# what runs needs, and extras that nobody could add there later, in the same versions as it was tested with. mountnav-tycho2 is built from this checkout.
 lock: $(VENV)/.set-up
 	$(BIN)/uv pip compile pyproject.toml --group dev --group docs --universal --python-version 3.11 --generate-hashes \
 		--upgrade --no-emit-index-url --no-emit-package mountnav-tycho2 --no-annotate --no-header --output-file requirements.lock
-	$(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
+	$(BIN)/uv pip compile pyproject.toml --extra postgresql --extra tls --extra otel --universal --python-version 3.11 --generate-hashes \
 		--no-emit-index-url --no-emit-package mountnav-tycho2 --no-annotate --no-header --constraint requirements.lock --output-file requirements-runtime.lock
 
 wheels: data-package
@@ -68,6 +69,12 @@ wheels: data-package
 
 data-package: $(VENV)/.set-up
 	$(BIN)/python -m build --wheel --no-isolation --outdir dist deploy/tycho2
+
+# by what is there; each of them reads deploy/Dockerfile. BASE=... names another image with Python in it
+image:
+	@for with in docker podman buildah; do \
+		$$with info > /dev/null 2>&1 && exec $$with build $(if $(BASE),--build-arg BASE=$(BASE)) -f deploy/Dockerfile -t mountnav .; \
+	done; echo "docker, podman or buildah is needed, and none answers"; exit 1
 
 deb:
 	deploy/debian/build dist
