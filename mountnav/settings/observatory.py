@@ -30,6 +30,7 @@ from mountnav.settings.section import Section
 from mountnav.settings.service import ServiceSettings
 from mountnav.settings.solving import SolvingSettings
 from mountnav.settings.telescope import TelescopeSettings
+from mountnav.settings.traces import TracesSettings
 from mountnav.sky.coordinates import Air, Site
 
 
@@ -97,6 +98,7 @@ class Settings(Section):
     ephemerides: EphemeridesSettings = EphemeridesSettings()
     journal: JournalSettings = JournalSettings()
     report: ReportSettings = ReportSettings()
+    traces: TracesSettings = TracesSettings()
     alpaca: AlpacaSettings = AlpacaSettings()
     indi_server: IndiServerSettings = IndiServerSettings()
     lx200_server: Lx200ServerSettings = Lx200ServerSettings()
