@@ -125,8 +125,8 @@ class Traces:
         """Take in one event."""
         if event.kind == "gap":
             # ends of jobs may be among what was missed
-            for job_id in tuple(self._orders):
-                self._end(job_id, event.utc, {"state": "missed"})
+            for open_id in tuple(self._orders):
+                self._end(open_id, event.utc, {"state": "missed"})
             return
         job_id = event.data.get("job_id")
         if not isinstance(job_id, str):
