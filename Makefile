@@ -7,7 +7,7 @@ PYTEST_WORKERS ?= $(shell expr 3 \* $$(getconf _NPROCESSORS_ONLN 2>/dev/null || 
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test check docs format lock deb release clean
+.PHONY: help demo test check docs format lock wheels data-package deb image release clean
 
 .DEFAULT_GOAL := help
 
@@ -18,7 +18,9 @@ help:
 	@echo "make docs    the documentation as a site, which wheels carry and a service shows at /help"
 	@echo "make format  let ruff format the code"
 	@echo "make lock    resolve the dependencies anew into requirements.lock and requirements-runtime.lock"
+	@echo "make wheels  the packages mountnav and mountnav-tycho2 in dist/, for pip and pipx"
 	@echo "make deb     a Debian package in dist/, for this Debian's own Python"
+	@echo "make image   a container image, by docker, podman or buildah"
 	@echo "make release wheel, sdist and SBOM of a tagged version in dist/, checked (docs/how-to/release.md)"
 
 # The stamp stands for: environment made, locked dependencies in it, mountnav installed editable.
@@ -55,12 +57,24 @@ format: $(VENV)/.set-up
 	$(BIN)/ruff check --fix .
 
 # --no-emit-index-url: the locks name versions and hashes, never a host. The second one is for images and packages:
-# what runs needs, in the same versions as it was tested with.
+# what runs needs, and extras that nobody could add there later, in the same versions as it was tested with. mountnav-tycho2 is built from this checkout.
 lock: $(VENV)/.set-up
 	$(BIN)/uv pip compile pyproject.toml --group dev --group docs --universal --python-version 3.11 --generate-hashes \
-		--upgrade --no-emit-index-url --no-annotate --no-header --output-file requirements.lock
-	$(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes \
-		--no-emit-index-url --no-annotate --no-header --constraint requirements.lock --output-file requirements-runtime.lock
+		--upgrade --no-emit-index-url --no-emit-package mountnav-tycho2 --no-annotate --no-header --output-file requirements.lock
+	$(BIN)/uv pip compile pyproject.toml --extra postgresql --extra tls --extra otel --universal --python-version 3.11 --generate-hashes \
+		--no-emit-index-url --no-emit-package mountnav-tycho2 --no-annotate --no-header --constraint requirements.lock --output-file requirements-runtime.lock
+
+wheels: data-package
+	$(BIN)/python -m build --wheel --no-isolation --outdir dist .
+
+data-package: $(VENV)/.set-up
+	$(BIN)/python -m build --wheel --no-isolation --outdir dist deploy/tycho2
+
+# by what is there; each of them reads deploy/Dockerfile. BASE=... names another image with Python in it
+image:
+	@for with in docker podman buildah; do \
+		$$with info > /dev/null 2>&1 && exec $$with build $(if $(BASE),--build-arg BASE=$(BASE)) -f deploy/Dockerfile -t mountnav .; \
+	done; echo "docker, podman or buildah is needed, and none answers"; exit 1
 
 deb:
 	deploy/debian/build dist
@@ -76,6 +90,7 @@ release: $(VENV)/.set-up
 		build/release/bin/python -m pip install --quiet --disable-pip-version-check build cyclonedx-bom twine; \
 		$(MAKE) --no-print-directory docs; \
 		build/release/bin/python -m build --outdir dist .; \
+		build/release/bin/python -m build --wheel --outdir dist deploy/tycho2; \
 		build/release/bin/twine check --strict dist/*; \
 		build/release/bin/cyclonedx-py requirements requirements.lock --of JSON -o dist/mountnav-$$version.sbom.json; \
 		$(PYTHON) -m venv build/release/empty; \

@@ -6,7 +6,7 @@ import gc
 import os
 import sys
 
-from mountnav.errors import BadRequest, BadSettings, MountnavError
+from mountnav.errors import BadRequest, BadSettings, JournalDamaged, MountnavError
 
 
 def main() -> None:
@@ -34,7 +34,8 @@ def main() -> None:
         from mountnav.masking import masked
 
         print(f"mountnav: {masked(str(error))}", file=sys.stderr)
-        sys.exit(2 if isinstance(error, BadSettings | BadRequest) else 1)
+        # 2: the same again would end the same way, so that a service manager doesn't begin it again
+        sys.exit(2 if isinstance(error, BadSettings | BadRequest | JournalDamaged) else 1)
     except KeyboardInterrupt:
         sys.exit(130)
     except BrokenPipeError:

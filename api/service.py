@@ -30,6 +30,7 @@ from api.orders.restore import RestoredState
 from api.solver.limits import Limits
 from api.solver.solve_settings import solve_settings
 from api.solver.solver import Solver
+from api.traces import Traces, provider_of
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import DeviceError, MountnavError
 from mountnav.journal.audit_chain import open_audit_key
@@ -68,6 +69,7 @@ class Service:
     mornings: MorningPosts | None = None
     longer: LongerOrders | None = None
     job_store: JobStore | None = None
+    traces: Traces | None = None
     _halted: bool = False
 
     def solve_settings(self, telescope_id: str | None) -> SolveSettings:
@@ -91,6 +93,8 @@ class Service:
         await self.metrics.close()
         await self.dispatcher.close()
         await self.jobs.close()
+        if self.traces is not None:
+            await self.traces.close()
         await self.observatory.close()
         await self.solver.close()
         await asyncio.to_thread(self.journal.close)
@@ -108,6 +112,8 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         One that can't be opened or written now is no reason: see `RestoredState`.
     """
     await asyncio.to_thread(settings.ephemerides.use)
+    # before anything is opened: what it needs may be missing
+    provider = provider_of(settings.traces)
     journal = await asyncio.to_thread(
         open_journal,
         settings.journal.where,
@@ -189,6 +195,9 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     await asyncio.to_thread(_tell_audit, journal, "begins")
     metrics = Metrics(Observed(dispatcher, jobs, events, leases, journal))
     metrics.start()
+    traces = None if provider is None else Traces(events, provider)
+    if traces is not None:
+        traces.start()
     mornings = MorningPosts(settings, journal, events.publish)
     mornings.start()
     return Service(
@@ -208,6 +217,7 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         mornings=mornings,
         longer=longer,
         job_store=job_store,
+        traces=traces,
     )
 
 

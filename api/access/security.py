@@ -118,11 +118,12 @@ def require_all_telescopes(caller: Caller) -> None:
 def require_role(caller: Caller, role: Role) -> None:
     """Raise `Refused` (403 `role-too-low`) unless the caller has this role or one above it."""
     if not caller.role.includes(role):
+        keyless = caller.face in (Face.LX200, Face.STELLARIUM)
         found = problem(
             "role-too-low",
             403,
             f"{caller.name} has the role {caller.role}, and this needs {role}",
-            advice=f"use a key with the role {role}",
+            advice="its port is read_only by the settings" if keyless else f"use a key with the role {role}",
         )
         raise Refused(found)
 

@@ -254,6 +254,8 @@ def readiness(service: Service) -> Readiness:
     warning = iers_status().warning
     if warning is not None:
         concerns.append(f"Earth rotation: {warning}")
+    if service.solver.blind_index.failed:
+        concerns.append(f"blind index: {service.solver.blind_index.state}")
     for name, listener in service.listeners.states.items():
         if listener.problem is not None:
             concerns.append(f"{name}: {listener.problem}")

@@ -8,7 +8,7 @@ import logging
 from collections import OrderedDict
 from collections.abc import Coroutine
 
-from api.access.callers import Caller, Face, Role
+from api.access.callers import Caller, Face
 from api.listeners.tcp import STOPS_AT_ONCE, Allowance, Turns
 from api.orders.goto_orders import NotTaken
 from api.planetarium.lx200_codec import Commands, is_http
@@ -80,7 +80,7 @@ class Lx200Server(OneTelescopeServer):
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         host = str((writer.get_extra_info("peername") or ("unknown",))[0])
         # apps open a connection for each command: the machine is the caller
-        caller = Caller(f"lx200 {host}", Role.OPERATE, Face.LX200, host)
+        caller = Caller(f"lx200 {host}", self._role, Face.LX200, host)
         crew = Crew()
         client = Lx200Client(
             caller,

@@ -9,7 +9,7 @@ import asyncio
 import contextlib
 import logging
 
-from api.access.callers import Caller, Face, Role
+from api.access.callers import Caller, Face
 from api.listeners.tcp import Allowance
 from api.orders.goto_orders import NotTaken
 from api.orders.targets import IcrsTarget
@@ -50,7 +50,7 @@ class StellariumServer(OneTelescopeServer):
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         peer = writer.get_extra_info("peername") or ("unknown", 0)
-        caller = Caller(f"stellarium {peer[0]}:{peer[1]}", Role.OPERATE, Face.STELLARIUM, str(peer[0]))
+        caller = Caller(f"stellarium {peer[0]}:{peer[1]}", self._role, Face.STELLARIUM, str(peer[0]))
         crew = Crew()
         crew.begin(self._tell(writer), f"{caller.name} is told")
         crew.begin(self._hear(reader, caller), f"{caller.name} is heard")

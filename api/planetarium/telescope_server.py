@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from abc import ABC, abstractmethod
 
+from api.access.callers import Role
 from api.listeners.doors import Door
 from api.listeners.tcp import TcpPort
 from api.orders.goto_orders import GotoOrders
@@ -46,6 +47,8 @@ class OneTelescopeServer(ABC):
         name: str,
         speaks_first: bool = True,
     ) -> None:
+        self._role = Role.VIEW if settings.read_only else Role.OPERATE
+        """Of whoever comes: the protocol knows no keys."""
         self._id = telescope_of(service, settings.telescope, section)
         self._watch = service.dispatcher.watch(self._id)
         self._ordering = GotoOrders(service.dispatcher, service.audit, self._id)

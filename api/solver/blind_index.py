@@ -47,6 +47,7 @@ class BlindIndexKeeper:
         self._trouble = (
             "not built yet; the first frame that needs it sees to that, or `mountnav catalog index`"
         )
+        self._failed = False
         self._not_before_s = 0.0
         self._building: asyncio.Task[None] | None = None
 
@@ -59,6 +60,11 @@ class BlindIndexKeeper:
     def may_come(self) -> bool:
         """Whether there is none yet, and one is being built or can be."""
         return self._path is None and isinstance(self._catalog, PackedStore)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the last try to find or build it failed: frames without a hint may stay unsolved."""
+        return self._failed and self._path is None and self._share is None
 
     @property
     def state(self) -> str:
@@ -75,9 +81,10 @@ class BlindIndexKeeper:
         try:
             self._path = await asyncio.to_thread(_existing, self._catalog)
         except MountnavError as error:
-            self._trouble = str(error)
+            self._failed, self._trouble = True, str(error)
         except Exception as error:  # hinted frames are solved all the same
             _log.exception("looking for the blind index hit a fault")
+            self._failed = True
             self._trouble = f"it could not be looked for: {type(error).__name__}; the log has more"
 
     async def wait(self, wait_s: float) -> Path | None:
@@ -108,15 +115,24 @@ class BlindIndexKeeper:
             await asyncio.gather(self._building, return_exceptions=True)
 
     async def _build(self, catalog: PackedStore) -> None:
-        self._share = 0.0
+        self._share, self._failed = 0.0, False
         try:
             await self.find()  # another program may have built it since
             if self._path is None:
                 self._path = await self._built(catalog)
-        except (ProcessEnded, MountnavError) as error:
-            self._trouble = f"it could not be built: {error}"
+        except ProcessEnded as ended:
+            # killed by hand, or by the kernel for want of memory
+            self._failed = True
+            self._trouble = (
+                f"it could not be built: {ended}; it takes 0.4 GB of memory. "
+                f"A frame that needs it tries again after {_PAUSE_S / 60.0:g} min; "
+                "by hand: mountnav catalog index"
+            )
+        except MountnavError as error:
+            self._failed, self._trouble = True, f"it could not be built: {error}"
         except Exception as error:
             _log.exception("building the blind index hit a fault")
+            self._failed = True
             self._trouble = f"it could not be built: {type(error).__name__}; the log has more"
         finally:
             self._share = None
@@ -144,7 +160,9 @@ class BlindIndexKeeper:
             await asyncio.shield(process.close())
 
     def _told(self) -> None:
-        _log.info("blind index: %s", self.state)
+        _log.log(
+            logging.WARNING if self.state.startswith("none") else logging.INFO, "blind index: %s", self.state
+        )
         self._tell("blind-index", {"state": self.state})
 
 

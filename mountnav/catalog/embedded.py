@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 from mountnav.catalog.malformed import malformed_at
@@ -11,10 +12,29 @@ from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.companion_colors import COLORS_SUFFIX
 from mountnav.errors import BadSettings
 
-EMBEDDED_PATH = Path(__file__).parent / "data" / "tycho2.mnc"
+DATA_PACKAGE = "mountnav_tycho2"
+"""Module of the package `mountnav-tycho2` (deploy/tycho2), which holds nothing but the files."""
+
+
+def _found() -> Path:
+    """Where the catalog lies or should: beside this module in a checkout, else in the data package."""
+    name = "tycho2.mnc"
+    beside = Path(__file__).parent / "data" / name
+    if not beside.is_file():
+        package = find_spec(DATA_PACKAGE)
+        for folder in (package and package.submodule_search_locations) or ():
+            return Path(folder) / name
+    return beside
+
+
+EMBEDDED_PATH = _found()
 EMBEDDED_SHA256 = "ea144a25dcab5d2a6b317783a958ec148064980990296a72414dcf6abb8a5bd9"
 EMBEDDED_COLORS_SHA256 = "8f7dfe5766c2390d2aae7fa102027d6e6a283c94371e22e88c3f48d36292edeb"
 """Of tycho2.colors beside it, which `PackedStore` finds by itself."""
+_ADVICE = (
+    "pip install --force-reinstall mountnav-tycho2; "
+    "in a checkout: python tools/build_tycho2.py (tools/README.md)"
+)
 
 
 @cache
@@ -33,8 +53,7 @@ def embedded_catalog() -> PackedStore:
     """
     if not EMBEDDED_PATH.is_file():
         raise BadSettings(
-            f"the embedded star catalog is missing: {EMBEDDED_PATH}",
-            advice="install mountnav anew, or build the file: python tools/build_tycho2.py (tools/README.md)",
+            f"the star catalog Tycho-2 is not installed: {EMBEDDED_PATH} is missing", advice=_ADVICE
         )
     return PackedStore(EMBEDDED_PATH)
 
@@ -59,5 +78,5 @@ def verify_embedded() -> None:
             0,
             f"a file of sha256 {EMBEDDED_COLORS_SHA256}",
             found,
-            advice="install mountnav anew, or build the file: python tools/build_tycho2.py (tools/README.md)",
+            advice=_ADVICE,
         )

@@ -149,6 +149,7 @@ class _OneTelescopesDoor(_Door):
     """A door behind which one telescope stands; `telescope` tells which, the first one if left out."""
 
     telescope: str | None = None
+    read_only: bool = False
 
 
 class Lx200ServerSettings(_OneTelescopesDoor):
@@ -167,6 +168,9 @@ class Lx200ServerSettings(_OneTelescopesDoor):
         any case.
     telescope : str or None
         Which; the first one if left out.
+    read_only : bool
+        Whether it only tells where the telescope points: gotos, syncs, keys, parks and stops are refused, and
+        written down.
     move_axis_s : float
         A key that isn't released ends so long after it was pressed, s.
     silence_s : float
@@ -195,6 +199,9 @@ class StellariumSettings(_OneTelescopesDoor):
         any case.
     telescope : str or None
         Which; the first one if left out.
+    read_only : bool
+        Whether it only tells where the telescope points: gotos, syncs, keys, parks and stops are refused, and
+        written down.
     """
 
     port: int = Field(default=10001, ge=0, le=65535)

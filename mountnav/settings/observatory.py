@@ -31,6 +31,7 @@ from mountnav.settings.service import ServiceSettings
 from mountnav.settings.solver import SolverSettings
 from mountnav.settings.solving import SolvingSettings
 from mountnav.settings.telescope import TelescopeSettings
+from mountnav.settings.traces import TracesSettings
 from mountnav.sky.coordinates import Air, Site
 
 
@@ -99,6 +100,7 @@ class Settings(Section):
     ephemerides: EphemeridesSettings = EphemeridesSettings()
     journal: JournalSettings = JournalSettings()
     report: ReportSettings = ReportSettings()
+    traces: TracesSettings = TracesSettings()
     alpaca: AlpacaSettings = AlpacaSettings()
     indi_server: IndiServerSettings = IndiServerSettings()
     lx200_server: Lx200ServerSettings = Lx200ServerSettings()

@@ -66,7 +66,7 @@ def cached_index(
         raise BadSettings(
             f"the index for blind solving can't be written: {refused.strerror or refused}",
             device=str(path),
-            advice="free 200 MB there, or set MOUNTNAV_CACHE to a folder that can be written",
+            advice="free 300 MB there, or set MOUNTNAV_CACHE to a folder that can be written",
         ) from refused
     return BlindIndex.open(path)
 

@@ -115,9 +115,15 @@ class Header:
         return places
 
 
-def encode_header(header: Header) -> bytes:
-    """Preamble and header text, padded to the alignment; the same bytes for the same header."""
-    text = json.dumps(asdict(header), sort_keys=True).encode("ascii")
+def encode_header(header: Header, *, least_bytes: int = 0) -> bytes:
+    """Preamble and header text, padded to the alignment; the same bytes for the same header.
+
+    Parameters
+    ----------
+    least_bytes : int
+        It is padded to so many, a multiple of the alignment: the room that was left for it.
+    """
+    text = json.dumps(asdict(header), sort_keys=True).encode("ascii").ljust(least_bytes - PREAMBLE_BYTES)
     text += b" " * (-(PREAMBLE_BYTES + len(text)) % ALIGNMENT_BYTES)
     return MAGIC + VERSION.to_bytes(4, "little") + len(text).to_bytes(4, "little") + text
 

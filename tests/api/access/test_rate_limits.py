@@ -158,6 +158,43 @@ async def test_each_key_has_its_own_bucket(observatory_toml: str, tmp_path: Path
         assert [await ask(f"guess {number}") for number in range(3)] == [200, 429, 429]
 
 
+async def test_each_address_has_its_own_bucket_whatever_keys_it_shows(
+    observatory_toml: str, tmp_path: Path
+) -> None:
+    store = KeyStore(tmp_path / "keys.json")
+    keys = [store.new(f"number {number}", Role.VIEW)[1] for number in range(4)]
+    toml = observatory_toml.replace(
+        "[service]", "[service]\naddress_limit_per_s = 0.5\nrate_limit_per_s = 0\nkeys_file = 'keys.json'"
+    )
+    app = create_app(Settings.parse(toml))
+
+    def of(address: str) -> httpx.AsyncClient:
+        transport = httpx.ASGITransport(app=app, client=(address, 4000), raise_app_exceptions=False)
+        return httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60)
+
+    async with of("127.0.0.1") as one, of("127.0.0.2") as other:
+        # at once twice what a second brings and one more: two, and never by a new key, a guess or Alpaca more
+        statuses = [
+            (await one.get("/v1/version", headers={"X-API-Key": key})).status_code for key in keys[:3]
+        ]
+        assert statuses == [200, 200, 429]
+        refused = await one.get("/v1/version", headers={"X-API-Key": "a guess"})
+        assert refused.json()["type"] == "urn:mountnav:problem:too-many-requests"
+        assert 1 <= int(refused.headers["Retry-After"]) <= 2
+        assert (await one.get("/api/v1/telescope/0/rightascension")).status_code == 429
+        assert (await one.post("/v1/telescopes/east/slew", json={"ra_deg": 1.0})).status_code == 429
+        # a stop passes it, to whatever answers there
+        assert (await one.post("/v1/telescopes/east/stop")).status_code != 429
+        # what one address does costs another nothing, by the same key
+        assert (await other.get("/v1/version", headers={"X-API-Key": keys[0]})).status_code == 200
+
+
+async def test_no_limit_of_an_address_where_it_is_zero(observatory_toml: str) -> None:
+    toml = observatory_toml.replace("[service]", "[service]\naddress_limit_per_s = 0\nrate_limit_per_s = 0")
+    async with bare(toml) as client:
+        assert {(await client.get("/v1/version")).status_code for _ in range(40)} == {200}
+
+
 async def test_a_body_that_is_too_large_is_refused_wherever_it_is_read(
     serving: Serve, observatory_toml: str
 ) -> None:

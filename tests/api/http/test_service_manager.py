@@ -90,3 +90,34 @@ def test_the_unit_leaves_little_to_attack() -> None:
     if "unrecognized option" in done.stderr or "Unknown option" in done.stderr:
         pytest.skip("this systemd-analyze can't judge a file")
     assert done.returncode == 0, done.stdout[-300:] + done.stderr
+
+
+def _ended(config: Path) -> tuple[int, str]:
+    done = subprocess.run(
+        [sys.executable, "-m", "api.main", "serve", "--config", str(config)], capture_output=True, text=True
+    )
+    return done.returncode, done.stderr
+
+
+def test_what_starting_again_would_not_help_is_not_started_again(
+    tmp_path: Path, observatory_toml: str
+) -> None:
+    unit = (ROOT / "deploy" / "mountnav.service").read_text().splitlines()
+    (kept_down,) = (line.partition("=")[2].split() for line in unit if line.startswith("RestartPrevent"))
+    damaged = tmp_path / "damaged.sqlite"
+    damaged.write_text("no database at all, and long enough to be taken for one " * 30)
+    config = tmp_path / "observatory.toml"
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        for text, said in (
+            ("nonsense = [", "not TOML"),
+            (observatory_toml.replace("[service]", "[service]\nunknown = 3"), "no such setting"),
+            (observatory_toml.replace("port = 0", f"port = {port}"), "can't listen"),
+            (f"{observatory_toml}\n[journal]\nurl = '{damaged}'", "it is damaged"),
+        ):
+            config.write_text(text)
+            code, stderr = _ended(config)
+            assert said in stderr, stderr
+            assert str(code) in kept_down, (said, code)
+    # and the program that is gone, as systemd counts it (EXIT_EXEC), is not tried each 5 s for ever
+    assert "203" in kept_down

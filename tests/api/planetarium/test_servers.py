@@ -429,3 +429,51 @@ async def test_a_taken_port_is_told(rig: Rig) -> None:
     _, port = rig.lx200.address
     with pytest.raises(BadSettings, match="another program"):
         await Lx200Server(rig.service, Lx200ServerSettings(port=port)).start()
+
+
+async def test_a_door_that_is_read_only_tells_the_place_and_moves_and_stops_nothing(rig: Rig) -> None:
+    await at_rest(rig)
+    shown = Rig(
+        rig.service,
+        Lx200Server(rig.service, Lx200ServerSettings(port=0, read_only=True)),
+        StellariumServer(rig.service, StellariumSettings(port=0, read_only=True)),
+    )
+    await shown.lx200.start()
+    await shown.stellarium.start()
+    try:
+        before, jobs = rig.reported(), len(rig.service.jobs.all())
+        one = await app(shown)
+        assert re.fullmatch(RA.encode(), await one.ask(b":GR#", RA))
+        await one.set_target(rig.beside(north_deg=-2.0))
+        assert b"has the role view" in await one.ask(b":MS#", r"[12].*#")
+        assert (await one.ask(b":CM#", r".*#")).startswith(b"Not synced: ")
+        for quiet in (b":hP#", b":PO#", b":Mn#", b":Qn#", b":Mgn0500#"):
+            await one.tell(quiet)
+        reader, writer = await asyncio.open_connection(*shown.stellarium.address)
+        read_position(await reader.readexactly(24))
+        writer.write(goto_message(Goto(apparent_to_icrs(rig.beside(north_deg=-3.0)), 0)))
+        read_position(await reader.readexactly(24))
+        # a slew that another door has begun is not stopped by it either
+        operator = await app(rig)
+        await operator.set_target(rig.beside(north_deg=-4.0))
+        assert await operator.ask(b":MS#", "0|[12].*#") == b"0"
+        await one.tell(b":Q#")
+        job = rig.service.jobs.running_on("east")
+        assert job is not None
+        await at_rest(rig)
+        assert job.state.value == "succeeded"
+        assert len(rig.service.jobs.all()) == jobs + 1
+        assert apart_arcsec(before, rig.reported()) > 3.0 * 3600.0
+
+        async def all_noted() -> bool:
+            rows = await asyncio.to_thread(rig.service.journal.reader.audits, telescope="east", limit=200)
+            refused = {row.what for row in rows if row.outcome == "role-too-low"}
+            return {"slew", "sync-to", "park", "unpark", "guide"} <= refused
+
+        await _true(all_noted)
+        for each in (one, operator):
+            await each.close()
+        writer.close()
+    finally:
+        await shown.lx200.stop()
+        await shown.stellarium.stop()

@@ -14,6 +14,7 @@ from mountnav.errors import BadSettings
 def main() -> None:
     folder = Path(os.environ["SLOW_BUILDER"])
     link = attached()
+    (folder / "pid").write_text(str(os.getpid()))
     setup, _ = receive(link)
     assert isinstance(setup, Setup)
     send(link, Progress(0.42))

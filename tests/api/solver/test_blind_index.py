@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
+import re
+import signal
 from pathlib import Path
 
 import httpx
@@ -226,3 +229,38 @@ async def test_a_lost_mount_is_found_blind_and_recovered(made_up_sky: PackedStor
         assert centered["state"] == "succeeded", centered
         wanted = Icrs(target["ra_deg"], target["dec_deg"] - 5.0)
         assert separation_arcsec(mechanics.truth(), wanted) < 75.0
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("_empty_cache")
+async def test_a_builder_that_was_killed_is_told_by_health_and_log(
+    made_up_sky: PackedStore,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setenv("SLOW_BUILDER", str(tmp_path))
+    monkeypatch.setattr(blind_index, "BUILDER", "tests.api.solver.slow_builder")
+    app = create_app(Settings.parse(WIDE), catalog=made_up_sky)
+    transport = httpx.ASGITransport(app=app)
+    async with (
+        app.router.lifespan_context(app),
+        httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client,
+    ):
+        keeper = app.state.service.solver.blind_index
+        async with asyncio.timeout(60):
+            while keeper.state != "building 42 %":
+                assert await keeper.wait(0.05) is None
+        assert not any("blind index" in one for one in (await client.get("/v1/health")).json()["concerns"])
+        os.kill(int((tmp_path / "pid").read_text()), signal.SIGKILL)  # as the kernel does for want of memory
+        assert await keeper.wait(60.0) is None
+        health = (await client.get("/v1/health")).json()
+    assert re.fullmatch(
+        r"none: it could not be built: process \d+ ended by signal 9; it takes 0\.4 GB of memory.*"
+        r"mountnav catalog index",
+        health["blind_index"],
+    )
+    assert health["status"] == "degraded"
+    assert f"blind index: {health['blind_index']}" in health["concerns"]
+    warned = [one.getMessage() for one in caplog.records if one.levelno >= logging.WARNING]
+    assert f"blind index: {health['blind_index']}" in warned

@@ -2,8 +2,12 @@
 
 import json
 import multiprocessing
+import os
 import pickle
+import resource
+import signal
 import threading
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -28,15 +32,15 @@ from mountnav.sky.coordinates import Icrs
 STARS = 6000
 
 
-def made_up_catalog(path, seed=1):
+def made_up_catalog(path, seed=1, stars=STARS):
     rng = np.random.default_rng(seed)
-    sigma = np.full(STARS, 10.0)
+    sigma = np.full(stars, 10.0)
     columns = CatalogColumns(
-        ra_deg=rng.uniform(0, 360, STARS),
-        dec_deg=np.degrees(np.arcsin(rng.uniform(-1, 1, STARS))),
-        pm_ra_cosdec_mas_yr=rng.normal(0, 100, STARS),
-        pm_dec_mas_yr=rng.normal(0, 100, STARS),
-        mag=rng.uniform(2, 12, STARS),
+        ra_deg=rng.uniform(0, 360, stars),
+        dec_deg=np.degrees(np.arcsin(rng.uniform(-1, 1, stars))),
+        pm_ra_cosdec_mas_yr=rng.normal(0, 100, stars),
+        pm_dec_mas_yr=rng.normal(0, 100, stars),
+        mag=rng.uniform(2, 12, stars),
         error_curve=error_curve((sigma, sigma), (0.1 * sigma, 0.1 * sigma), (200 * sigma, 200 * sigma)),
     )
     columns.pm_dec_mas_yr[:3] = 8000.0, np.nan, -5000.0  # beyond what a record holds, and none
@@ -190,6 +194,56 @@ def test_two_builds_are_the_same_bytes(store, index, tmp_path):
     assert shares[-1] == 1.0
     assert shares == sorted(shares)
     assert list(tmp_path.iterdir()) == [tmp_path / "again.mnq"]
+
+
+@pytest.mark.long
+def test_memory_grows_with_the_stars_and_not_with_their_quads(tmp_path):
+    # what the tables cost, however few stars there are, cancels out
+    peaks, quads = [], []
+    for stars in (6_000, 18_000):
+        catalog = made_up_catalog(tmp_path / f"{stars}.mnc", stars=stars)
+        tracemalloc.start()
+        try:
+            quads.append(build(catalog, tmp_path / f"{stars}.mnq").quads)
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    # held in memory, each would take 20 bytes, and as much again for its key and its place in the order
+    assert peaks[1] - peaks[0] < 20 * (quads[1] - quads[0])
+
+
+@pytest.mark.long
+def test_a_killed_builder_leaves_only_what_the_next_one_removes(store, tmp_path):
+    child = multiprocessing.get_context("spawn").Process(
+        target=killed_while_it_builds, args=(store.path, tmp_path)
+    )
+    child.start()
+    child.join()
+    assert child.exitcode == -signal.SIGKILL
+    assert [one.suffix for one in tmp_path.iterdir()] in ([], [".part"])
+
+
+def killed_while_it_builds(catalog, folder):
+    def kill(share):
+        if share > 0.85:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    build(PackedStore(catalog), folder / "index.mnq", progress=kill)
+
+
+def test_a_full_disk_is_told_and_leaves_nothing(store, tmp_path, monkeypatch):
+    monkeypatch.setenv("MOUNTNAV_CACHE", str(tmp_path))
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(
+        resource.RLIMIT_FSIZE, (20_000, hard)
+    )  # a write beyond it fails like one to a full disk
+    try:
+        with pytest.raises(BadSettings, match="can't be written: File too large") as caught:
+            cached_index(store)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert "free 300 MB" in str(caught.value)
+    assert [one.suffix for one in tmp_path.iterdir()] == [".lock"]
 
 
 @pytest.mark.long
