@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -136,7 +137,8 @@ async def test_killed_while_taking_up_nothing_is_forgotten(killed: SqlJournal, a
     first, second = slew_of(), slew_of(seconds=1, order="stop", place=None)
     await killed.begin(first)
     await killed.begin(second)
-    real, closed = after.end, []
+    real = after.end
+    closed: list[Any] = []
 
     async def killed_here(command_id: str, end: CommandEnd) -> None:
         if closed:

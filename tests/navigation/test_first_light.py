@@ -79,8 +79,7 @@ def turned_over(rig: VirtualRig) -> None:
     with mechanics._order(moves=False) as order:
         from dataclasses import replace
 
-        from mountnav.simulation.belief import Belief
-        from mountnav.simulation.mechanics_motors import believing
+        from mountnav.simulation.belief import Belief, believing
         from mountnav.simulation.posture import axes_at
         from mountnav.sky.sphere import half_turn_deg
 

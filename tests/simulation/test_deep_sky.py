@@ -26,7 +26,7 @@ def tree(stars: Stars) -> cKDTree:
 
 def apart_arcsec(stars: Stars, others: Stars) -> tuple[np.ndarray, np.ndarray]:
     """How far the nearest of the others is from each star, and which it is."""
-    chord, which = tree(others).query(unit_vectors(stars.ra_deg, stars.dec_deg).T)
+    chord, which = map(np.asarray, tree(others).query(unit_vectors(stars.ra_deg, stars.dec_deg).T))
     return chord * ARCSEC, which
 
 

@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -35,14 +36,15 @@ async def site(tmp_path: Path) -> AsyncIterator[NightSite]:
         yield opened
 
 
-async def sent(site: NightSite, **params: object) -> dict:
+async def sent(site: NightSite, **params: str | float) -> dict[str, Any]:
     answer = await site.client.post(
         "/v1/telescopes/east/frames",
         params={"wait": 60, **params},
         files={"file": ("m31.fits", await site.exposed())},
     )
     assert answer.status_code == 200, answer.text
-    return answer.json()
+    told: dict[str, Any] = answer.json()
+    return told
 
 
 @pytest.mark.long

@@ -134,7 +134,10 @@ def test_a_magnitude_limit_leaves_out_stand_ins() -> None:
     count = 4
     flags = np.array([0, StarFlag.NO_MAGNITUDE, StarFlag.DOUBLE, 0], dtype=np.uint8)
     columns = CatalogColumns(
-        *(np.zeros(count) for _ in range(4)),
+        np.zeros(count),
+        np.zeros(count),
+        np.zeros(count),
+        np.zeros(count),
         np.array([9.0, 9.0, 9.0, 12.0]),
         np.ones((count, 3)),
         flags=flags,

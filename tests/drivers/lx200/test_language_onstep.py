@@ -249,6 +249,7 @@ async def test_a_spoiled_reading_is_asked_again(faults: list[Fault]) -> None:
         for fault in faults:
             fake.add_fault(fault)
         reading = await mount.reading()
+        assert isinstance(reading.place, Apparent)
         assert separation_arcsec(reading.place, fake.mechanics.reported()) < 1.0
         assert reading.tracking is True
 
@@ -269,6 +270,7 @@ async def test_no_fault_publishes_a_wrong_place(dialect: str) -> None:
                 continue
             read += 1
             believed = fake.mechanics.reported()
+            assert isinstance(reading.place, Apparent)
             assert separation_arcsec(reading.place, believed) < 20.0, (reading, believed)
         assert read > 7
         assert fake.strikes

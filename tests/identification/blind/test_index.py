@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import pickle
 import threading
+from typing import Any
 
 import numpy as np
 import pytest
@@ -183,7 +184,7 @@ def test_cells_of_a_grid_are_of_like_size(density):
 
 @pytest.mark.long
 def test_two_builds_are_the_same_bytes(store, index, tmp_path):
-    shares = []
+    shares: list[float] = []
     build(store, tmp_path / "again.mnq", progress=shares.append)
     assert (tmp_path / "again.mnq").read_bytes() == index.path.read_bytes()
     assert shares[0] == 0.0
@@ -256,7 +257,7 @@ def test_the_cache_lies_where_the_user_says(store, monkeypatch, tmp_path):
 
 @pytest.mark.long
 def test_it_is_built_once_and_damage_is_mended(store, index, cache):
-    told = []
+    told: list[Any] = []
     first = cached_index(store, progress=told.append)
     assert told
     assert first.path == index_path(store)
@@ -319,7 +320,7 @@ def asked_all(sky):
 
 @pytest.mark.long
 def test_of_several_that_need_it_one_builds(store, cache):
-    told = [[], [], []]
+    told: list[list[Any]] = [[], [], []]
     threads = [
         threading.Thread(target=cached_index, args=(store,), kwargs={"progress": one.append}) for one in told
     ]

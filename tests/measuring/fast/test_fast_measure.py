@@ -28,7 +28,7 @@ def looked_at(frame: Frame, most: int = 200) -> FastMeasurement:
 
 
 def offsets(found: Measurements, x: Array, y: Array) -> tuple[Array, Array, Array, NDArray[np.intp]]:
-    distance, index = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[x, y])
+    distance, index = map(np.asarray, KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[x, y]))
     return distance, found.x_px[index] - x, found.y_px[index] - y, index
 
 
