@@ -91,16 +91,6 @@ class Bending:
     east: Trend
     north: Trend
 
-    @property
-    def rate_arcsec_h(self) -> float:
-        """Both rates together."""
-        return math.hypot(self.east.rate_per_h, self.north.rate_per_h)
-
-    @property
-    def sigma_arcsec_h(self) -> float:
-        """One sigma of each rate, the larger."""
-        return max(self.east.sigma_per_h, self.north.sigma_per_h)
-
 
 class BendingSeen:
     """Differential flexure from pairs of frames of two cameras on one mount.

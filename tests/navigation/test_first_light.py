@@ -25,11 +25,6 @@ def off(degrees: float, turn_deg: float) -> PointingErrors:
     )
 
 
-def below_all(rig: VirtualRig) -> None:
-    limits = rig.navigator.limits
-    assert rig.mechanics.true_observed().alt_deg > limits.min_altitude_deg
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("turn_deg", [30.0, 150.0, 270.0])
 @pytest.mark.parametrize("starts_at", ["home", "zenith"])

@@ -20,7 +20,6 @@ from mountnav.devices import (
 )
 from mountnav.errors import (
     DeviceError,
-    DeviceGarbled,
     DeviceMissing,
     DeviceRefused,
     DeviceSilent,
@@ -291,11 +290,3 @@ class PlainLanguage(Unskilled):
             raise DeviceRefused("not while aligned", device=self.device)
         self.orders.append("set site")
         self.its_site = site
-
-
-class GarblingLanguage(PlainLanguage):
-    """Contradicts itself at every reading."""
-
-    async def readout(self) -> Readout:
-        await super().readout()
-        raise DeviceGarbled("nonsense", device=self.device)
