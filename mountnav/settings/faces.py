@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 from pathlib import Path
 from typing import Literal, Self
 
@@ -10,7 +9,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from mountnav.settings.certificates import require_certificate_files
-from mountnav.settings.networks import Network, in_networks, is_everywhere
+from mountnav.settings.networks import Network, in_networks, is_everywhere, is_loopback
 from mountnav.settings.section import Section
 
 
@@ -86,12 +85,7 @@ class _Port(Section):
     @property
     def is_loopback(self) -> bool:
         """Whether only this machine can reach it."""
-        if self.host == "localhost":
-            return True
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return False
+        return is_loopback(self.host)
 
 
 class _Door(_Port):

@@ -244,7 +244,7 @@ class PlainLanguage(Unskilled):
             )
         elif taken is not None:
             self.mechanics.track_beside(taken.ra_arcsec_s, taken.dec_arcsec_s)
-            # half a millisecond of gathering speed is no slew to a real mount, and a quick machine reads in it
+            # gathering speed for half a millisecond is no slew to a real mount; a quick machine reads in it
             while self.mechanics.slewing():
                 await asyncio.sleep(0)
         if self.rates_lost is not None:
