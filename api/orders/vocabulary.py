@@ -227,7 +227,7 @@ class OffsetOrder(OffsetFields, OrderBody):
 
 
 class FlipOrder(OrderBody):
-    """Let a German mount change sides, and center the target anew."""
+    """Let a German mount change sides, and center the target again."""
 
     moves = True
     kind: Literal["flip"] = "flip"
@@ -494,7 +494,7 @@ class OffsetRatesOrder(OffsetRatesFields, OrderBody):
 
 
 class TrustOrder(OrderBody):
-    """An operator's word that the mount's position is right: whoever says so has looked."""
+    """An operator's word that the mount's position is right: give it after a look."""
 
     overrules = True
     kind: Literal["trust"] = "trust"

@@ -106,7 +106,7 @@ def offset(east_arcsec: float, north_arcsec: float) -> Order:
 
 
 def flip(target: Target, *, planned_s: float | None = None, at: At | None = None) -> Order:
-    """Let a German mount change sides, and center the target anew.
+    """Let a German mount change sides, and center the target again.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def offset_rates(ra_arcsec_s: float, dec_arcsec_s: float, *, for_s: float | None
 
 
 def trust() -> Order:
-    """An operator's word that the mount's position is right: whoever says so has looked.
+    """An operator's word that the mount's position is right: give it after a look.
 
     Needs the role configure.
     """

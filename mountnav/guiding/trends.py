@@ -129,7 +129,7 @@ class BendingSeen:
         self._north.add(utc_s, north - (before[2] + share * (after[2] - before[2])))
 
     def clear(self) -> None:
-        """Begin anew, after a flip: both tubes bend the other way."""
+        """Begin again, after a flip: both tubes bend the other way."""
         for seen in (self._guided, self._waiting, self._east, self._north):
             seen.clear()
 

@@ -208,7 +208,7 @@ def test_judgments(command: CommandRecord, reading: MountReading, likely: Likely
 
 
 def test_places_of_two_kinds_are_compared_as_one() -> None:
-    """A mount ordered in one kind and read in another (its epoch was set anew) isn't called 20′ off."""
+    """A mount ordered in one kind and read in another (its epoch was set again) isn't called 20′ off."""
     from mountnav.sky.chain import apparent_to_icrs
 
     command = replace(slew_of(), place=THERE)

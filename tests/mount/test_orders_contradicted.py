@@ -129,7 +129,7 @@ def test_one_that_is_further_off_than_a_sync_may_be_counts_no_more() -> None:
     async def work(rig: VirtualRig) -> float:
         rig.mechanics.sync_behavior = "elsewhere"
         target = rig.up(-20.0, 30.0)
-        # it began anew with a recovery, whose sync led to the same place
+        # it began again with a recovery, whose sync led to the same place
         with pytest.raises(SyncIgnored, match="the reading is 18310″ from what was synced"):
             await rig.navigator.center(target)
         assert not rig.navigator.mount.trusted

@@ -145,7 +145,7 @@ def test_the_same_rules_decide_the_same(night) -> None:
 
 @pytest.mark.long
 def test_what_the_rules_were_told_is_made_again_to_the_last_digit(night) -> None:
-    """Frames are compared anew with the recorded readings; nothing is taken from the recorded comparison."""
+    """Frames are compared again with the recorded readings; nothing is taken from the recorded comparison."""
     recording, _ = night
     heard: list[tuple[FrameSeen, Any]] = []
 

@@ -187,7 +187,7 @@ ATTACKS = {
 
 @contextmanager
 def _flood(where: tuple[str, int], data: bytes, *, clients: int) -> Iterator[None]:
-    """So many connections, each made anew when it is closed, that send this over and over."""
+    """So many connections, each made again when it is closed, that send this over and over."""
     over = threading.Event()
 
     def attack(number: int) -> None:

@@ -139,7 +139,7 @@ async def test_a_folder_and_paths_and_headers(site: NightSite) -> None:
     ):
         assert (await site.client.post(frames, json=body)).status_code == 422, body
     assert (await site.client.get(f"{frames}/nothing")).status_code == 404
-    # played again, what lies in files is identified anew
+    # played again, what lies in files is identified again
     site.app.state.service.nights.of("east").parts.recording.close()
     played = await asyncio.to_thread(play, read_recording(next(site.record.glob("*.jsonl"))), wire=False)
     assert played.report.same
