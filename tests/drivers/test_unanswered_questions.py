@@ -18,7 +18,7 @@ from drivers.wire.wire_log import WireLog
 from mountnav.devices import Skill
 from mountnav.errors import DeviceError, DeviceSilent
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
-from mountnav.sky.coordinates import Air
+from mountnav.sky.coordinates import Air, Apparent
 from tests.drivers.virtual_wire import HandClock, MemoryLine, VirtualLoop, in_virtual_time
 from tests.drivers.wire_families import family, told_dialect
 from tests.drivers.wire_fuzz import HERE, Family
@@ -196,7 +196,7 @@ def test_an_onstep_without_fine_places_is_read_and_sent_coarsely(run: Run) -> No
         rig.mount.trust()
         place = (await rig.mount.reading()).place
         assert rig.mount.resolution_arcsec == 15.0
-        outcome = await rig.mount.slew(type(place)(place.ra_deg, place.dec_deg - 5.0, clock()))
+        outcome = await rig.mount.slew(Apparent(place.ra_deg, place.dec_deg - 5.0, clock()))
         await rig.mount.close()
         return rig, outcome
 

@@ -266,7 +266,7 @@ async def test_every_member_that_is_written_while_it_stands_still(shared_observa
     checks.done(450)
 
 
-RANGES: list[tuple[str, dict[str, object], list[tuple[str, list[object]]]]] = (
+RANGES: list[tuple[str, Any, Any]] = (
     [
         (
             member,

@@ -144,6 +144,10 @@ class PlainLanguage(Unskilled):
         finally:
             self._asked_s = None
 
+    @property
+    def tracking_rates(self) -> frozenset[TrackingRate]:
+        return frozenset(TrackingRate)
+
     async def readout(self) -> Readout:
         if not self.usable:
             raise DeviceMissing("the line was lost", device=self.device)

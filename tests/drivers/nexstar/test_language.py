@@ -100,6 +100,7 @@ async def test_reading_is_where_the_fake_believes_to_point() -> None:
     fake = fake_at_zenith()
     async with opened(fake) as mount:
         reading = await mount.reading()
+        assert isinstance(reading.place, Apparent)
         assert separation_arcsec(reading.place, fake.mechanics.reported(reading.utc)) < 1.0
     # the same hand control in J2000 is 20 arcminutes off for whoever takes it for JNow
     fake = fake_at_zenith(epoch="icrs")

@@ -359,8 +359,8 @@ def test_close_stars_make_quads_by_the_ranks_of_distance(store, index):
     count = int(index.first_star[1])
     vectors = CatalogRows(store.path).vectors(index.rows(np.arange(count)), epoch_yr=EPOCH_YR)
     for star in range(0, count, 400):
-        near = np.argsort(-(vectors @ vectors[star]))[:7]
-        near = [star, *(one for one in near.tolist() if one != star)]
+        nearest = np.argsort(-(vectors @ vectors[star]))[:7].tolist()
+        near = [star, *(one for one in nearest if one != star)]
         wanted = {tuple(sorted(near[k] for k in (0, *kind))) for kind in building.MORE}
         assert wanted <= held
 
