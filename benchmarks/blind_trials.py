@@ -7,7 +7,7 @@ list that is no sky has no right answer; one that shows a sky may be found there
 nowhere else. Every fiftieth list gets twenty times the budget (seconds of wall time). In turn:
 
 even, clustered, raster   sources strewn at random: evenly, in clumps and along lines, on a raster of pixels
-scrambled   a sky, its brightnesses dealt out anew and some of its stars gone
+scrambled   a sky, its brightnesses dealt out again and some of its stars gone
 bent        a sky squeezed or twisted as no camera does; right is what puts the middle within 2 % of the frame
 two skies   two places in one list, each turned and scaled its own way
 too faint   what a small field shows below the catalog's depth, with the few stars the catalog does hold

@@ -88,7 +88,7 @@ class Flood:
     reads : bool
         Whether they read what they are told.
     stays : bool
-        Whether they say it on one connection; else they come anew for each.
+        Whether they say it on one connection; else they come again for each.
     """
 
     door: str

@@ -2,7 +2,7 @@
 
 Run: python -m benchmarks.giving_up [A01,B02,C00,E00,D01]
 
-Each frame is measured in full and its y are dealt out anew, so that brightnesses, crowding and flags stay
+Each frame is measured in full and its y are dealt out again, so that brightnesses, crowding and flags stay
 while no arrangement does. CPU seconds of identification alone, with the index of the whole sky.
 """
 

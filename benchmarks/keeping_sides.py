@@ -4,7 +4,7 @@ Run: python -m benchmarks.keeping_sides [--mounts 60] [--first N] [--verbose]
 
 Each seed is a mount that foretells no side, and tells it or not; that keeps it or looks the way of the
 target; with and without limits past the meridian, its own far beyond them or a little inside. It is sent to
-six places, planned anew as a navigator does where it went another way. The exit code is 1 when it was ever
+six places, planned again as a navigator does where it went another way. The exit code is 1 when it was ever
 beyond a limit, or a slew was given up that had been begun: what can't be had is to be refused before.
 """
 
@@ -117,7 +117,7 @@ class Sent:
             except OutsideLimits as refused:
                 return "refused", str(refused)
             else:
-                return "arrived anew" if number else "arrived", said
+                return "arrived again" if number else "arrived", said
         return "GIVEN UP", said
 
     async def _judge(self) -> None:

@@ -1,7 +1,7 @@
 """The serial ports of this machine: stable names, makers, who holds them, and what answers there.
 
 Probing asks each family's harmless greeting at its usual speeds; nothing that moves, syncs or sets. It still
-opens the port, and some boards start anew when theirs is opened. A port that another program holds is left
+opens the port, and some boards start again when theirs is opened. A port that another program holds is left
 alone.
 """
 

@@ -140,7 +140,7 @@ class CameraStale(DeviceError):
 class RefusedButDone(DeviceError):
     """The device said no, and did what it was ordered all the same; its position counts no more.
 
-    No `DeviceRefused`: whoever goes on after a refusal must not go on after this.
+    No `DeviceRefused`: what goes on after a refusal must not go on after this.
     """
 
     slug = "refused-but-done"

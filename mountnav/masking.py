@@ -22,7 +22,7 @@ def masked(text: str) -> str:
 
 
 def mask_logs() -> None:
-    """From now on mask all that is logged in this process, whoever logs it and wherever it goes.
+    """From now on mask all that is logged in this process, whatever logs it and wherever it goes.
 
     At the making of records: no logger or handler, of whatever library, is left out. Twice is fine.
     """
@@ -57,7 +57,7 @@ def _masked_value(value: object) -> object:
     try:
         text = str(value)
     except Exception:
-        # whoever formats it will say what is wrong
+        # what formats it will say what is wrong
         return value
     return clean if (clean := masked(text)) != text else value
 

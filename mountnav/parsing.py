@@ -2,7 +2,7 @@
 
 The parsers give up on deep nesting and on numbers of thousands of digits with errors of other kinds, and
 tomllib takes a time that grows with the square of a dotted key's parts: 22 s for 40 kB of ``a.a.a``. A whole
-number of some hundred digits they take, and whoever makes a float of it gets an OverflowError: it is refused
+number of some hundred digits they take, and a float of it is an `OverflowError`: it is refused
 here.
 """
 
@@ -101,7 +101,7 @@ def json_of(text: str | bytes | bytearray) -> Any:
 def repeated(names: Iterable[_Name]) -> list[_Name]:
     """Find what stands there more than once, in the order of its first place, each name once.
 
-    One pass: whoever counts each name in the whole list takes a time that grows with its square, and a
+    One pass: to count each name in the whole list takes a time that grows with its square, and a
     stranger who sends 25,000 keys stops the service for seconds.
 
     Parameters

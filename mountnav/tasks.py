@@ -1,4 +1,4 @@
-"""Work beside whoever begins it, begun in one place, so that no task dies unheard.
+"""Work beside its caller, begun in one place, so that no task dies unheard.
 
 asyncio keeps the fault of a task to itself until somebody asks: a reader that died leaves a link that looks
 alive, and positions that stand still. So there are three ways to begin work here, and no others (a test reads

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
@@ -14,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 os.environ.setdefault("MOUNTNAV_CACHE", str(ROOT / ".cache"))
 # new examples are for those who can look into them: CI's answer depends on the commit alone
 # a loaded machine makes no property false: neither an example nor making one has a limit of time
-PATIENT = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
+PATIENT: dict[str, Any] = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
 hypothesis.settings.register_profile("patient", **PATIENT)
 hypothesis.settings.register_profile("ci", derandomize=True, **PATIENT)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "patient")

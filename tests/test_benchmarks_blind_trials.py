@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import Any
 
 import pytest
 
@@ -17,7 +18,7 @@ SEED = 2_027
 @pytest.mark.long
 def test_what_is_said_to_be_a_sky_is_found_there_with_a_hint():
     kinds = list(KINDS)
-    outcomes = Counter()
+    outcomes: Counter[Any] = Counter()
     for number in range(kinds.index("sky"), 20 * len(kinds), len(kinds)):
         trial = trial_of(number, SEED)
         (truth,) = trial.truths

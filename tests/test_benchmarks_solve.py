@@ -110,6 +110,9 @@ def test_hints_are_off_by_no_more_than_they_say():
     off = []
     for _ in range(200):
         hint = hint_near(center, 2.0, rng)
+        assert hint.center is not None
+        assert hint.scale_low_arcsec_px is not None
+        assert hint.scale_high_arcsec_px is not None
         assert hint.scale_low_arcsec_px < 2.0 < hint.scale_high_arcsec_px
         off.append(separation_arcsec(hint.center, center) / 3600)
     assert max(off) <= 1.0

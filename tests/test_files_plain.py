@@ -6,6 +6,7 @@ import os
 import signal
 import socket
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -87,7 +88,8 @@ READERS: dict[str, Callable[[Path], object]] = {
     "packed": PackedStore,
     "index": BlindIndex.open,
     "raw": lambda path: open_raw(path, path.parent),
-} | {f"catalog {kind}": lambda path, kind=kind: open_reader(kind, path) for kind in CATALOGS}  # type: ignore[misc]
+    **{f"catalog {kind}": partial(open_reader, kind) for kind in CATALOGS},
+}
 
 
 @pytest.mark.parametrize("name", READERS)

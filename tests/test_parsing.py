@@ -37,7 +37,7 @@ BAD_TOML = {
     "beyond floats": "a = 1\nb = [{c = " + "1" * 400 + "}]",
     "beyond floats, in sixteens": "a = 0x" + "f" * 400,
 }
-BAD_JSON = {
+BAD_JSON: dict[str, str | bytes] = {
     "brackets": '{"a": ' + "[" * 100_000,
     "closed": '{"a": ' + "[" * 100_000 + "]" * 100_000 + "}",
     "objects": '{"a": ' * 100_000 + "1" + "}" * 100_000,

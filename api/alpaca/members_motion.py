@@ -308,7 +308,7 @@ def _runs(device: AlpacaTelescope, kind: str) -> bool:
 
 
 async def _park(device: AlpacaTelescope, call: Call) -> None:
-    """Twice is harmless, whoever began it. What this client has under way makes room: parking is safe."""
+    """Twice is harmless, no matter who began it. What this client has under way makes room."""
     if (device.is_parked and not device.is_slewing) or _runs(device, "park"):
         return
 

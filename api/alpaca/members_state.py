@@ -355,7 +355,7 @@ _STATES = (
     ("UTCDate", utc_date, _any),
 )
 
-_FLIP = "a flip is checked, and centered anew, by the service: POST /v1/telescopes/{id}/flip"
+_FLIP = "a flip is checked, and centered again, by the service: POST /v1/telescopes/{id}/flip"
 _CLOCK = "the time is the clock's of the service's machine"
 
 READING: tuple[Member, ...] = (

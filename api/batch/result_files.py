@@ -1,6 +1,6 @@
 """Files of results: rows are added at their end, whole or not at all, and read back to resume a run.
 
-A run that is ended by force loses at most the frame under way; of Parquet files, which are written anew each
+A run that is ended by force loses at most the frame under way; of Parquet files, which are written again each
 time, what came since the last time.
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 PARQUET_EACH_S = 30.0
-"""Seconds after which a Parquet file is written anew at the earliest: what a run ended by force may lose."""
+"""Seconds after which a Parquet file is written again at the earliest: what a run ended by force may lose."""
 PARQUET_SHARE = 0.05
 """And only when so large a part of its rows is new: a long file isn't written a thousand times."""
 LONGEST_LINE_BYTES = 64 << 20

@@ -115,7 +115,7 @@ async def _run(asked: BenchOptions, steps: list[Step]) -> int:
             found = empty_report(trial, url.driver)
             await run_steps(found, trial, steps, _asker(yes=asked.yes), _print_result)
         finally:
-            # whoever followed an interrupted slew has stopped it by now
+            # an interrupted slew has been stopped by now
             await mount.close()
             if found is not None:
                 _write_report(asked, found, None)

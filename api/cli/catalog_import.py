@@ -155,7 +155,7 @@ def fetch(
 
 
 def index(
-    force: Annotated[bool, typer.Option("--force", help="Build it anew if it is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Build it again if it is there.")] = False,
     as_json: Json = False,
 ) -> None:
     """Build the index for blind solving, once, into the user's cache; takes half a minute."""
@@ -174,7 +174,7 @@ def index(
     if as_json:
         print_json(facts)
         return
-    state = f"built in {facts['took_s']} s" if built else "was there already (--force builds it anew)"
+    state = f"built in {facts['took_s']} s" if built else "was there already (--force builds it again)"
     sys.stdout.write(
         f"{facts['file']}  {facts['size_mb']} MB  {len(found)} quads of {facts['catalog']}, {state}\n"
     )

@@ -392,7 +392,7 @@ def _proof_lines(proof: AuditProof, keys: list[AuditKey]) -> list[str]:
     removed = f", {proof.removed} more removed by retention" if proof.removed else ""
     lines.append(f"{proof.rows} rows looked at{removed}; the seals of {proof.sealed} hold")
     if not keys:
-        lines.append("no key is at hand: seals were not checked, the whole chain could have been made anew")
+        lines.append("no key is at hand: seals were not checked, the whole chain could have been made again")
     elif proof.unproven:
         lines.append(f"NOT PROVEN by the key at hand: {'; '.join(proof.unproven)}")
     if proof.fault is None:

@@ -45,7 +45,6 @@ Spread = Literal["spiral", "random"]
 """How the points of a run are spread."""
 AxesKind = Literal["equatorial", "altaz"]
 Mounting = Literal["german", "fork", "altaz"]
-SpreadOption = Annotated[Spread, typer.Option(help="Golden spiral, or random.")]
 
 
 @model_app.command()

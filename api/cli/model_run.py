@@ -30,7 +30,7 @@ _CONFLICT = 409
 """HTTP status of an order that another job is in the way of."""
 _TRIES_WHEN_BUSY = 3
 """Jobs of others that an order waits for. chosen by hand: a person who centers something in between is let
-through; whoever observes all the time ends the run."""
+through; an observer who looks on all the time ends the run."""
 _LEAST_SIGMA_ARCSEC = 0.1
 """Standard error of a look at the least: no frame is placed better than the catalogs and the air allow, and
 an error of zero would weigh a point infinitely in the fit."""

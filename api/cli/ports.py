@@ -21,7 +21,7 @@ def ports(
         bool,
         typer.Option(
             "--probe",
-            help="Ask on each what is there: nothing that moves. Some boards start anew when opened.",
+            help="Ask on each what is there: nothing that moves. Some boards start again when opened.",
         ),
     ] = False,
     port: Annotated[

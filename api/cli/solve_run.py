@@ -119,7 +119,7 @@ class Run:
 
         async with aclosing(pool.outcomes(self._files, self._hdu)) as outcomes:
             async for outcome in outcomes:
-                # in a thread: the processes are served meanwhile; to its end, whoever interrupts
+                # in a thread: the processes are served meanwhile; to its end, no matter who interrupts
                 await _to_the_end(asyncio.to_thread(self._add, outcome))
 
     def _add(self, outcome: Outcome) -> None:

@@ -1,6 +1,6 @@
 """Targets that move, made for the demo: a comet that passes the Earth closely, and a satellite's pass.
 
-Both are made up for a site and a moment: whoever runs the demo, at whatever hour, has them high in the sky.
+Both are made up for a site and a moment: they stand high in the sky.
 They are given to the service as anybody would give them, as elements. Nothing here is known to the service.
 """
 

@@ -70,7 +70,7 @@ def form_for(form: LogForm, stream: TextIO, environment: Mapping[str, str] = os.
 
 
 def begin_log(form: LogForm = "auto", level: str = "info", stream: TextIO | None = None) -> logging.Handler:
-    """Let this process log to the standard error from now on, whoever logs. Once; twice replaces the first.
+    """Let this process log to the standard error from now on, whatever logs. Once; twice replaces the first.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ __all__ = ["own_certificate"]
 _VALID_DAYS = 800
 """How long a certificate is valid, days: below the 825 that Apple's systems take at most."""
 _RENEWED_DAYS = 30
-"""One that ends within so many days is made anew, also while the service runs. Doubled, a month earlier."""
+"""One that ends within so many days is made again, also while the service runs. Doubled, a month earlier."""
 _SLOW_CLOCK_DAYS = 1
 """It is valid from so many days before its making, for clients whose clocks are behind."""
 
@@ -75,7 +75,7 @@ def own_certificate(folder: Path, host: str, name: str = "nova") -> tuple[Path, 
             path.chmod(FILE_MODE)
             return path, _fingerprint(known.fingerprint(hashes.SHA256()))
     except (OSError, ValueError, x509.ExtensionNotFound):
-        pass  # none yet, or none that can be used: it is made anew
+        pass  # none yet, or none that can be used: it is made again
     key = ec.generate_private_key(ec.SECP256R1())
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"mountnav {name}")])
     made = (

@@ -30,7 +30,7 @@ HANDSHAKES = 32
 (`api.listeners.admission`, whose own 96 have room for them). Halved, a page's seven connections and a few
 slow phones keep each other out."""
 _LOOKED_AT_S = 6 * 3600.0
-"""Between two looks at a certificate's end and files, s; it is made anew a month before. Doubled, files that
+"""Between two looks at a certificate's end and files, s; it is made again a month before. Doubled, files that
 an ACME client has renewed are taken up to half a day later."""
 
 

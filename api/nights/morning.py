@@ -263,7 +263,7 @@ class MorningPosts:
         words = f"the {_WHAT} of {sent.night} " + (
             f"went to {sent.to}" if sent.ok else f"could not be sent to {sent.to}: {sent.detail}"
         )
-        # given up as well: it is not begun anew each minute
+        # given up as well: it is not begun again each minute
         self._done.add((sent.to, sent.night))
         if sent.ok:
             self.failed.pop(sent.to, None)

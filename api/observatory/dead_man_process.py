@@ -14,7 +14,7 @@ has to act; only then it loads the drivers.
 
 A service that lives is not fought: the guard acts when the service is dead, or has not been heard of in time
 (then a serial port is still held by it, and opening it is tried until it isn't), or hands the mount over. A
-service that was started meanwhile isn't either: whoever has the mount holds a lock, and the journal tells the
+service that was started meanwhile isn't either: who has the mount holds a lock, and the journal tells the
 new service what to end (`api.observatory.restart`).
 """
 

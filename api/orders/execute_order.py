@@ -46,19 +46,6 @@ from mountnav.navigation.searching import SearchBounds
 from mountnav.sky.coordinates import Icrs
 
 Work = Callable[[Navigator], Awaitable[object]]
-_WithoutSky = (
-    ParkOrder
-    | HomeOrder
-    | UnparkOrder
-    | SetParkOrder
-    | TrackingOrder
-    | GuideOrder
-    | OffsetRatesOrder
-    | ForgetRatesOrder
-    | TrustOrder
-    | SetSiteTimeOrder
-    | AcceptSiteTimeOrder
-)
 
 
 def work_of(order: NavigatorOrder) -> Work:
@@ -95,7 +82,7 @@ async def execute_order(navigator: Navigator, order: NavigatorOrder) -> object:
                 correct_by=order.correct_by,
                 planned_s=order.planned_s,
                 at=point_of(order.at),
-                angle=_angle_of(order),
+                angle=None if order.position_angle_deg is None else _angle(order.position_angle_deg, order),
             )
         case LookOrder():
             return await navigator.look(order.exposure_s, persistent=order.persistent, at=point_of(order.at))
@@ -110,8 +97,7 @@ async def execute_order(navigator: Navigator, order: NavigatorOrder) -> object:
                 goal(navigator, order.target), planned_s=order.planned_s, at=point_of(order.at)
             )
         case RotateOrder():
-            angle = _angle_of(order)
-            assert angle is not None
+            angle = _angle(order.position_angle_deg, order)
             return await navigator.rotate(angle, exposure_s=order.exposure_s, trust_count=order.trust_count)
         case SpiralSearchOrder():
             return await navigator.spiral_search(
@@ -127,12 +113,6 @@ async def execute_order(navigator: Navigator, order: NavigatorOrder) -> object:
             return await navigator.recover(order.exposure_s)
         case FirstLightOrder():
             return await navigator.first_light(order.exposure_s)
-        case _:
-            return await _without_sky(navigator, order)
-
-
-async def _without_sky(navigator: Navigator, order: _WithoutSky) -> object:
-    match order:
         case ParkOrder():
             return await navigator.park()
         case HomeOrder():
@@ -181,10 +161,8 @@ def point_of(at: str | PixelAt | None) -> AimPoint | str | None:
     return PixelPoint("", at.x_px, at.y_px) if isinstance(at, PixelAt) else at
 
 
-def _angle_of(order: CenterOrder | RotateOrder) -> FieldAngle | None:
-    if order.position_angle_deg is None:
-        return None
-    return FieldAngle(order.position_angle_deg, order.angle_tolerance_deg, order.either_way)
+def _angle(position_angle_deg: float, order: CenterOrder | RotateOrder) -> FieldAngle:
+    return FieldAngle(position_angle_deg, order.angle_tolerance_deg, order.either_way)
 
 
 def there(navigator: Navigator, target: Target) -> Icrs:

@@ -185,7 +185,7 @@ class HeldAxes:
                 await mount.move_axis(name, 0.0, for_s=_END_S)
             self._ended(hold, name, axis, RELEASED if axis.rate_deg_s == 0.0 else SILENT)
         elif axis.sent_deg_s != 0.0 and not mount.axis_moving:
-            # what was stopped doesn't begin again by itself, whoever still holds the key
+            # what was stopped doesn't begin again by itself, no matter who still holds the key
             hold.taking = False
             self._ended(hold, name, axis, BY_THE_MOUNT)
         elif axis.fresh:

@@ -125,24 +125,18 @@ _At = Annotated[
 ]
 
 
-class AngleFields(Body):
-    """How the image is to stand."""
+_PositionAngle = Annotated[float, Field(ge=0, lt=360)]
+_POSITION_ANGLE = (
+    "Position angle of the image's +y, north through east; of a named point its own direction. A rotator "
+    "turns it there, and looks confirm it"
+)
 
-    position_angle_deg: float | None = Field(
-        default=None,
-        ge=0,
-        lt=360,
-        description="Position angle of the image's +y, north through east; of a named point its own "
-        "direction. A rotator turns it there, and looks confirm it",
-    )
+
+class AngleFields(Body):
+    """How near to a position angle the image is to stand."""
+
     angle_tolerance_deg: float | None = Field(default=None, gt=0, le=90)
     either_way: bool = Field(default=False, description="It may stand on its head as well")
-
-    @model_validator(mode="after")
-    def _an_angle_to_be_near_to(self) -> Self:
-        if self.position_angle_deg is None and (self.angle_tolerance_deg is not None or self.either_way):
-            raise ValueError("angle_tolerance_deg and either_way are for a position_angle_deg")
-        return self
 
 
 class OrderBody(Tagged):
@@ -172,6 +166,13 @@ class CenterFields(AngleFields):
     correct_by: Literal["sync", "offset", "model"] | None = None
     planned_s: _Planned = None
     at: _At = None
+    position_angle_deg: _PositionAngle | None = Field(default=None, description=_POSITION_ANGLE)
+
+    @model_validator(mode="after")
+    def _an_angle_to_be_near_to(self) -> Self:
+        if self.position_angle_deg is None and (self.angle_tolerance_deg is not None or self.either_way):
+            raise ValueError("angle_tolerance_deg and either_way are for a position_angle_deg")
+        return self
 
 
 class CenterOrder(CenterFields, OrderBody):
@@ -226,7 +227,7 @@ class OffsetOrder(OffsetFields, OrderBody):
 
 
 class FlipOrder(OrderBody):
-    """Let a German mount change sides, and center the target anew."""
+    """Let a German mount change sides, and center the target again."""
 
     moves = True
     kind: Literal["flip"] = "flip"
@@ -238,17 +239,12 @@ class FlipOrder(OrderBody):
 class RotateFields(AngleFields):
     """To which angle the field is turned."""
 
+    position_angle_deg: _PositionAngle = Field(description=_POSITION_ANGLE)
     exposure_s: _Exposure = None
     trust_count: bool = Field(
         default=False,
         description="An operator's word that the rotator's cables lie as its count says. Needs configure",
     )
-
-    @model_validator(mode="after")
-    def _an_angle(self) -> Self:
-        if self.position_angle_deg is None:
-            raise ValueError("position_angle_deg is needed")
-        return self
 
 
 class RotateOrder(RotateFields, OrderBody):
@@ -498,7 +494,7 @@ class OffsetRatesOrder(OffsetRatesFields, OrderBody):
 
 
 class TrustOrder(OrderBody):
-    """An operator's word that the mount's position is right: whoever says so has looked."""
+    """An operator's word that the mount's position is right: give it after a look."""
 
     overrules = True
     kind: Literal["trust"] = "trust"
@@ -533,7 +529,7 @@ class FirstLightOrder(OrderBody):
 
 
 class SolveOrder(OrderBody):
-    """Solve a frame that lies on this machine; or expose one and solve it. Moves nothing."""
+    """Solve a frame that lies on the service's machine; or expose one and solve it. Moves nothing."""
 
     kind: Literal["solve"] = "solve"
     path: str | None = Field(

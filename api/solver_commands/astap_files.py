@@ -36,7 +36,7 @@ _OF_DATA_OR_PLATE = re.compile(
     r"|(CD|PC|PV|PS)\d+_?\d+.*|[AB]P?_(\d+_\d+|ORDER|DMAX)|PLTSOLVD|WARNING|IMAGE[WH]|COMMENT|HISTORY"
     r"|CONTINUE)$"
 )
-"""Cards of the frame that are left out of the `.wcs`: how data lie, older plates, what is written anew."""
+"""Cards of the frame that are left out of the `.wcs`: how data lie, older plates, what is written again."""
 _KEYWORD = re.compile(r"[A-Z0-9_-]{1,8}$")
 _COMMENTS = {
     "CRPIX1": "X of reference pixel",

@@ -1,4 +1,4 @@
-"""Where a command runs: the files and the terminal of whoever called it.
+"""Where a command runs: the files and the terminal of its caller.
 
 A command may be carried out in another process than the one that was called (the solver daemon). It touches
 files only through its `Host`, so that they are read and written by the caller, with the caller's rights and
@@ -123,7 +123,7 @@ class LocalHost:
 
     def open(self, path: str) -> BinaryIO:
         """As `Host.open`."""
-        # without waiting: opening a pipe would wait for whoever writes into it
+        # without waiting: opening a pipe would wait for a writer into it
         file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             file.close()

@@ -63,7 +63,7 @@ def image_facts(file: BinaryIO, name: str, solver: Solver) -> ImageFacts:
     try:
         return _looked_at(file, name, solver)
     finally:
-        os.lseek(file.fileno(), 0, os.SEEK_SET)  # whoever reads on begins at the beginning
+        os.lseek(file.fileno(), 0, os.SEEK_SET)  # what reads on begins at the beginning
 
 
 def _looked_at(file: BinaryIO, name: str, solver: Solver) -> ImageFacts:

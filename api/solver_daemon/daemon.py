@@ -33,7 +33,7 @@ holds its memory half an hour longer."""
 LOOK_EACH_S = 1.0
 """How often it looks whether it was idle for too long, s."""
 LONGEST_LOG_BYTES = 1_000_000
-"""A longer log is begun anew when a daemon starts."""
+"""A longer log is begun again when a daemon starts."""
 
 
 class Daemon:

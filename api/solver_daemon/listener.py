@@ -52,7 +52,7 @@ TOKEN_BYTES = 16
 
 
 def socket_path() -> Path:
-    """Where the solver of this user listens, whoever it is: the service, or the daemon."""
+    """Where the solver of this user listens, be it the service or the daemon."""
     return Path(stub.folder()) / "solver.sock"
 
 

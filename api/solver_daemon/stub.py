@@ -8,7 +8,7 @@ It connects to the solver's socket and does what comes from there: opens files a
 files, prints. So all files are read and written by the caller, with the caller's rights. Where nobody listens
 the command is carried out by a new process of its own, and a solver daemon is started for the next one.
 
-By TCP both ends prove first that they know the token: whoever listens on the port of a solver that has ended
+By TCP both ends prove first that they know the token: who listens on the port of a solver that has ended
 would else be obeyed with the caller's rights.
 
 A message is a letter, the length of what follows (4 bytes, little-endian), and that.
@@ -57,7 +57,7 @@ def connected(wanted: str) -> tuple[_socket.socket | None, str]:
             link = _socket.socket(_socket.AF_INET, _socket.SOCK_STREAM)
             link.connect((host, int(port)))
             return link, token
-        # whoever may make a socket under this name may answer for the solver
+        # anyone who may make a socket under this name may answer for the solver
         if os.stat(wanted).st_uid not in (os.geteuid(), 0):
             return None, ""
         link = _socket.socket(_socket.AF_UNIX, _socket.SOCK_STREAM)
@@ -154,7 +154,7 @@ class Talk:
     def answer(self, kind: bytes, content: bytes) -> None:
         """Do one thing with a file, and tell what came of it. Raises OSError."""
         if kind == b"O":
-            # without waiting: opening a pipe would wait for whoever writes into it
+            # without waiting: opening a pipe would wait for a writer into it
             number = os.open(content, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
             try:
                 if os.fstat(number).st_mode & 0o170000 != 0o100000:

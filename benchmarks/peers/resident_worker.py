@@ -39,7 +39,7 @@ def status_kb(key: str) -> int:
 
 
 def forget_peak() -> None:
-    """Let the kernel count the peak memory anew."""
+    """Let the kernel count the peak memory again."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 

@@ -34,7 +34,7 @@ _RATE_SHARE = 0.03
 """What it may err by besides, as a share: the times of answers. Halved or doubled, a rate per sidereal second
 can't be told from one per second (0.27 %): only the sky tells that."""
 _AT_RATE_S = 1.0
-"""Wait (s) until a mount has taken up a rate and its position is read anew."""
+"""Wait (s) until a mount has taken up a rate and its position is read again."""
 _FACTORS = (
     (15.0 * 15.0, "15 twice"),
     (15.041, "15.04: seconds of right ascension taken for arcseconds"),

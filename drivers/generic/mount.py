@@ -370,7 +370,7 @@ class GenericMount:
 
         Returns when the order went out, for 0 when the mount was seen at rest (unless its other axis is
         moved too). An end that is refused, not answered or not seen becomes a stop. Nothing here ends the
-        motion in time or at a limit: whoever orders it has to.
+        motion in time or at a limit: the caller has to.
 
         Raises
         ------

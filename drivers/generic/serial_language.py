@@ -78,7 +78,7 @@ class SerialLanguage(Unskilled):
         woke_s = link.woke_after_s
         if woke_s is None:
             return identity
-        doubt = f"it answered only {woke_s:.1f} s after its port was opened, which may have started it anew"
+        doubt = f"it answered only {woke_s:.1f} s after its port was opened, which may have started it again"
         advice = "dtr=no keeps some boards from that; settle_s waits for a link that is only slow"
         return replace(identity, problems=(*identity.problems, f"{doubt} ({advice})"), doubt=doubt)
 

@@ -183,19 +183,9 @@ class Features:
     flags: int
 
     @property
-    def pec_training(self) -> bool:
-        """Whether the training of its periodic error correction runs."""
-        return bool(self.flags & 0x10)
-
-    @property
     def encoders(self) -> bool:
         """Whether it has encoders on its axes."""
         return bool(self.flags & 0x01)
-
-    @property
-    def home_sensors(self) -> bool:
-        """Whether it has sensors that mark its home."""
-        return bool(self.flags & 0x04)
 
 
 def read_features(text: str) -> Features:
@@ -354,11 +344,6 @@ def step_period(axis: Axis) -> Command[int]:
     return _ask("i", axis, "step period", number)
 
 
-def worm_counts(axis: Axis) -> Command[int]:
-    """Ask how many counts make one turn of the worm [SKYWATCHER :s]."""
-    return _ask("s", axis, "counts per turn of the worm", number)
-
-
 def sidereal_period(axis: Axis) -> Command[int]:
     """Ask for the step period that the board itself takes for sidereal [SKYWATCHER :D]."""
     return _ask("D", axis, "sidereal step period", number)
@@ -388,11 +373,6 @@ def goto_by(axis: Axis, counts: int) -> Command[Nack | None]:
     return _set("H", axis, "goto increment", number_text(counts))
 
 
-def goto_to(axis: Axis, count: int) -> Command[Nack | None]:
-    """Choose the count that the next goto runs to [SKYWATCHER :S]."""
-    return _set("S", axis, "goto target", number_text(count))
-
-
 def brake_by(axis: Axis, counts: int) -> Command[Nack | None]:
     """Choose how long before its target a goto slows down [SKYWATCHER :M]."""
     return _set("M", axis, "brake increment", number_text(counts))
@@ -416,11 +396,6 @@ def slow_down(axis: Axis) -> Command[Nack | None]:
 def stop_hard(axis: Axis) -> Command[Nack | None]:
     """Stop a motor without a ramp [SKYWATCHER :L]."""
     return _set("L", axis, "instant stop")
-
-
-def hand_guide_rate(axis: Axis, step: int) -> Command[Nack | None]:
-    """Set the rate of the guide port: 0 to 4 for 1, 0.75, 0.5, 0.25, 0.125 [SKYWATCHER :P]."""
-    return _set("P", axis, "rate of the guide port", f"{step:X}")
 
 
 # -- the path of a stop ------------------------------------------------------------------------------

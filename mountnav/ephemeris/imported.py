@@ -27,7 +27,7 @@ from typing import Any, Final, Literal
 from mountnav.clock import utc_now
 from mountnav.ephemeris.elements import Covariance, OrbitElements, OwnForces
 from mountnav.ephemeris.ephemeris import Ephemeris
-from mountnav.ephemeris.mpc import looks_like_comet, read_comet_line, read_mpc_json, read_orbit_line
+from mountnav.ephemeris.mpc import mpc_lines, read_mpc_json, read_mpc_line
 from mountnav.ephemeris.omm import looks_like_omm, read_omm
 from mountnav.ephemeris.satellite import EarthSatellite, SatelliteElements
 from mountnav.ephemeris.sbdb import looks_like_sbdb, read_sbdb
@@ -551,19 +551,9 @@ def _lines(path: Path, packed: bool) -> Iterator[str]:
 
 
 def _read_mpc(path: Path, packed: bool) -> Iterator[Elements | str]:
-    in_header = False
-    for number, raw in enumerate(_lines(path, packed), 1):
-        line = raw.rstrip("\r\n")
-        if number == 1 and line.startswith("MINOR PLANET CENTER ORBIT DATABASE"):
-            in_header = True
-        if in_header:
-            in_header = not line.startswith("-----")
-            continue
-        if not line.strip() or line.startswith("#"):
-            continue
+    for number, line in mpc_lines(_lines(path, packed)):
         try:
-            at = f"line {number}"
-            yield read_comet_line(line, at) if looks_like_comet(line) else read_orbit_line(line, at)
+            yield read_mpc_line(line, f"line {number}")
         except BadRequest as wrong:
             yield wrong.what
 

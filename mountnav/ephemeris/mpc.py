@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import date
 from typing import Any, Final
 
@@ -228,18 +228,8 @@ def _comet_day(year: str, month: str, day: str, at: str) -> float:
         raise BadRequest(f"{at} {year}-{month}-{day} is no day") from wrong
 
 
-def read_mpc_lines(lines: Any, *, what: str = "line") -> Iterator[OrbitElements]:
-    """Elements of many lines, minor planets and comets mixed; the header of MPCORB.DAT is passed over.
-
-    Parameters
-    ----------
-    lines : iterable of str
-
-    Raises
-    ------
-    BadRequest
-        A line is neither; its number is told.
-    """
+def mpc_lines(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
+    """Number and text of each line that holds elements: no empty line, no remark, no header of MPCORB.DAT."""
     # MPCORB begins with pages of text that end in a line of dashes
     in_header = False
     for number, raw in enumerate(lines, 1):
@@ -248,11 +238,18 @@ def read_mpc_lines(lines: Any, *, what: str = "line") -> Iterator[OrbitElements]
             in_header = True
         if in_header:
             in_header = not line.startswith("-----")
-            continue
-        if not line.strip() or line.startswith("#"):
-            continue
-        at = f"{what} {number}"
-        yield read_comet_line(line, at) if looks_like_comet(line) else read_orbit_line(line, at)
+        elif line.strip() and not line.startswith("#"):
+            yield number, line
+
+
+def read_mpc_line(line: str, at: str) -> OrbitElements:
+    """Elements of a minor planet or of a comet; `at` is where the line stands. Raises `BadRequest`."""
+    return read_comet_line(line, at) if looks_like_comet(line) else read_orbit_line(line, at)
+
+
+def read_mpc_lines(lines: Iterable[str]) -> Iterator[OrbitElements]:
+    """Elements of many lines, minor planets and comets mixed. Raises `BadRequest`; it tells the line."""
+    return (read_mpc_line(line, f"line {number}") for number, line in mpc_lines(lines))
 
 
 def looks_like_comet(line: str) -> bool:

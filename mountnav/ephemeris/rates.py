@@ -12,7 +12,7 @@ from mountnav.sky.coordinates import Air, Icrs, Observed, Site
 from mountnav.sky.sphere import turn_deg
 
 LONGEST_RATES = timedelta(days=2)
-"""So long rates may hold: whoever gives them knows the target for a night. Doubled, a curved way is further
+"""So long rates may hold: who gives them knows the target for a night. Doubled, a curved way is further
 off its tangent by four times as much."""
 MOST_RATE_ARCSEC_S = 36_000.0
 """Fastest rate that is taken, 10°/s: twice what a rocket launch from nearby does. What a mount can do is

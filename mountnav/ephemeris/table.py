@@ -44,7 +44,7 @@ _MOST_ERROR_DEG: Final = 1.0
 """A place whose interpolation is less certain than this is refused. Doubled, a wild guess is offered."""
 
 Observer = Literal["geocenter", "here"] | Site
-"""Whom a table is for: the Earth's center, whoever uses it, or a place on the ground."""
+"""Whom a table is for: the Earth's center, wherever it is used, or a place on the ground."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,7 +54,7 @@ _LONGEST_OFF = 15.0
 """Intervals that an axis is taken to be off for at the most, where nothing is done. Doubled, the motor is
 turned round for errors that noise alone makes."""
 _YOUNG_LOOKS = 30
-"""Before so many looks of a field the bank isn't begun anew by a surprise: it has hardly been thinned out."""
+"""Before so many looks of a field no surprise begins the bank again: it has hardly been thinned out."""
 UNPROVEN_SCATTERS, USELESS_SCATTERS, USELESS_SIGMAS = 1.5, 4.0, 2.0
 """And only what is off by so many times what looks scatter, whatever the forecast says of its own error: what
 lies within the scatter costs little, and a correction by it is luck. More, once the looks have shown with so
@@ -65,7 +65,7 @@ later."""
 HARM_SIGMAS, HARM_MEMORY, HARM_LEAST = 2.5, 0.97, 10
 """Corrections do harm if what is off is more with them than it would be without, by so many sigma, of the
 looks that are remembered so (some 30), and after so many at least. Then they are taken back and none are made
-until looks show anew that they would help. Halved, one night in ten is left alone by chance."""
+until looks show again that they would help. Halved, one night in ten is left alone by chance."""
 _UNDONE_SCATTERS = 0.3
 """What was corrected is taken back to so much of the scatter: nearer than that nobody sees it."""
 _COAST_SIGMAS = 1.0

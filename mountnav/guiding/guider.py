@@ -2,7 +2,7 @@
 
 Coordinates are offsets on the sky of where the telescope looks from where it should, ″, along the two axes:
 for an equatorial mount east and north; for an alt-azimuth mount along azimuth (times cos alt) and altitude,
-which turn against east and north by the parallactic angle. Whoever holds the mount turns them.
+which turn against east and north by the parallactic angle. The caller turns them.
 """
 
 from __future__ import annotations

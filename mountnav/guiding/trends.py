@@ -91,16 +91,6 @@ class Bending:
     east: Trend
     north: Trend
 
-    @property
-    def rate_arcsec_h(self) -> float:
-        """Both rates together."""
-        return math.hypot(self.east.rate_per_h, self.north.rate_per_h)
-
-    @property
-    def sigma_arcsec_h(self) -> float:
-        """One sigma of each rate, the larger."""
-        return max(self.east.sigma_per_h, self.north.sigma_per_h)
-
 
 class BendingSeen:
     """Differential flexure from pairs of frames of two cameras on one mount.
@@ -139,7 +129,7 @@ class BendingSeen:
         self._north.add(utc_s, north - (before[2] + share * (after[2] - before[2])))
 
     def clear(self) -> None:
-        """Begin anew, after a flip: both tubes bend the other way."""
+        """Begin again, after a flip: both tubes bend the other way."""
         for seen in (self._guided, self._waiting, self._east, self._north):
             seen.clear()
 

@@ -118,7 +118,7 @@ class SearchArea:
         epoch_yr: float,
         most_tiles: int,
     ) -> None:
-        self._center, self._tile_deg = center, tile_deg
+        self._center = center
         # no wider than most_tiles can cover: a hexagonal tile has the area √3/2·step²
         reach_deg = min(radius_deg, step_deg * (np.sqrt(most_tiles * np.sqrt(3.0) / 2 / np.pi) + 1.0))
         self._places = tiles(center, reach_deg, step_deg)[:most_tiles]

@@ -121,7 +121,7 @@ def trail_pieces(x_px: Array, y_px: Array) -> Index:
     """Number the sources that measurements belong to.
 
     A trail that was cut in pieces, a second exposure, a ghost that is shifted: each star's pieces lie at the
-    same offsets. Whoever counts them as sources of their own takes one event for several.
+    same offsets. To count them as sources of their own is to take one event for several.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
 """The audit as a chain: each row holds the hash of all before it, and a seal that only the service can make.
 
-A row's hash is SHA-256 of the hash before it, its number in the chain and its content: whoever changes,
+A row's hash is SHA-256 of the hash before it, its number in the chain and its content: anyone who changes,
 removes, inserts or reorders one breaks the chain at that row. Its seal is HMAC-SHA256 of that hash by a key
-that lies in a file of its own: whoever can write the database, and can't read that file, can't make the chain
-anew behind his change. Retention removes rows and leaves a gap that tells how many, with the hash the chain
+that lies in a file of its own: who can write the database, and can't read that file, can't make the chain
+again behind his change. Retention removes rows and leaves a gap that tells how many, with the hash the chain
 went on from, sealed as well. Writers take their turns at one row, the head: several services may write one
 journal.
 """
@@ -547,7 +547,7 @@ class _Walk:
     def _sealed_or_not(self, row: Mapping[str, Any], no: int, sha256: str) -> None:
         held = _seal_holds(row["seal"], self._keys, "row", no, sha256)
         if held is False:
-            raise _Broken(row["row_id"], no, "it was altered, and its hash made anew: its seal doesn't fit")
+            raise _Broken(row["row_id"], no, "it was altered, and its hash made again: its seal doesn't fit")
         if held is None:
             self._note(no, no, "rows")
         else:

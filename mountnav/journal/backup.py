@@ -126,7 +126,7 @@ def restore(backup: Path, where: str | Path, utc: datetime) -> Path | None:
                 source.backup(copy)
         except sqlite3.Error as error:
             raise unusable(error, of_backup) from error
-        # whoever puts it back, it is the service's: as the journal was, else as its folder is
+        # no matter who puts it back, it is the service's: as the journal was, else as its folder is
         owner = (file if file.exists() else file.parent).stat()
         with contextlib.suppress(PermissionError):
             os.chown(part, owner.st_uid, owner.st_gid)
@@ -193,7 +193,7 @@ def _let_go(file: Path, url: URL) -> None:
     """Make sure that nobody has a journal open, and that all of it stands in its file alone."""
     try:
         with contextlib.closing(sqlite3.connect(file, timeout=0.0, isolation_level=None)) as connection:
-            # whoever has it open holds a shared lock on it for as long
+            # anyone who has it open holds a shared lock on it for as long
             connection.execute("PRAGMA locking_mode=EXCLUSIVE")
             connection.execute("PRAGMA journal_mode=DELETE")
             connection.execute("BEGIN EXCLUSIVE")

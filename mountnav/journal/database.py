@@ -257,7 +257,7 @@ def _sqlite(url: URL, access: Access) -> Engine:
         # what SQLite puts beside it (-wal, -shm) has the modes of the file itself
         for one in (file, *_beside(file)):
             with suppress(OSError):
-                # whoever opens it tells why it can't be
+                # its opening tells why it can't be
                 make_private(one)
     engine = create_engine(
         url, poolclass=NullPool, connect_args={"timeout": BUSY_S, "check_same_thread": False}

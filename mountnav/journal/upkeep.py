@@ -134,7 +134,7 @@ def require_whole(url: URL) -> None:
             head = opened.read(_HEAD_BYTES)
         size = file.stat().st_size
     except OSError:
-        # whoever opens it tells why it can't be read
+        # its opening tells why it can't be read
         return
     if len(head) < _HEAD_BYTES or not head.startswith(b"SQLite format 3\0"):
         return

@@ -1,4 +1,4 @@
-"""What a telescope may do beside following stars, and what is left when whoever ordered it is gone."""
+"""What a telescope may do beside following stars, and what is left when its program is gone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class FollowingPolicy:
     Attributes
     ----------
     on_loss : {"sidereal", "stop"}
-        What is left at the end of rates, and when whoever ordered them is gone.
+        What is left at the end of rates, and when the program that ordered them is gone.
     most_s : float
         So long rates may be ordered for at once.
     most_arcsec_s : float

@@ -626,7 +626,7 @@ class CheckedMount:
 
     @property
     def on_loss(self) -> OnLoss:
-        """What is left when rates end by themselves, or whoever ordered them is gone."""
+        """What is left when rates end by themselves, or the program that ordered them is gone."""
         return self._policy.on_loss
 
     @property

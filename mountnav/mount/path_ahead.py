@@ -72,7 +72,7 @@ class PathAhead:
     ) -> None:
         self._site, self._air, self._mounting = site, air, mounting
         self.rates, self.ends_utc, self.path = rates, ends_utc, path
-        # == : a method is made anew each time it is asked for
+        # == : a method is made again each time it is asked for
         known = before is not None and path is not None and before.path == path
         self._far: dict[PierSide | None, _Far] = dict(before._far) if known and before is not None else {}
         self._assumed: PierSide | None = None if before is None else before._assumed

@@ -408,7 +408,7 @@ class SidesKept:
         """What to do about a target that can't be reached on the side that it keeps."""
         return (
             f"it was seen to stay on its side of the pier {self.to_deg:.0f}° past the meridian, where it "
-            "should have changed: order home or park (then it may choose its side anew), or set its own "
+            "should have changed: order home or park (then it may choose its side again), or set its own "
             "limit past the meridian to what limits.past_meridian_east_deg and _west_deg allow, and start "
             "again"
         )

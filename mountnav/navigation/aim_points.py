@@ -209,7 +209,7 @@ def _binned_by(point: PixelPoint, frame: FrameSize) -> float:
             raise BadRequest(
                 f"{point} was measured in a frame of {point.width_px}×{point.height_px} pixels, and the "
                 f"camera's is {frame.width_px}×{frame.height_px}: another part of the chip, or another one",
-                advice="read out the whole chip, or measure the point anew",
+                advice="read out the whole chip, or measure the point again",
             )
     return factor
 

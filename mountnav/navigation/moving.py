@@ -36,7 +36,7 @@ it."""
 _USUAL_READING_S = 0.5
 """From the end of a slew to the begin of an exposure, besides settling, before any was measured, s."""
 _ROUNDS = 4
-"""So often the way to where a target will be is computed anew; each time what is left is the ratio of its
+"""So often the way to where a target will be is computed again; each time what is left is the ratio of its
 speed to the mount's."""
 _MOST_LEAD_S = 600.0
 """No slew is believed to take longer: a guess that came out so is wrong, s."""

@@ -293,7 +293,7 @@ async def _require_same_side(equipment: Equipment, slewing: Slewing, found: Look
     raise SyncRefused(
         words,
         device=equipment.name,
-        advice="let it change sides by an order (flip), which centers the target anew",
+        advice="let it change sides by an order (flip), which centers the target again",
         doubts=(SyncDoubt.NEAR_MERIDIAN,),
     )
 

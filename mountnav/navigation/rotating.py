@@ -203,7 +203,7 @@ class Rotating:
         try:
             turn = await rotator.turn_to(to_deg)
         except BaseException:
-            # how the camera stands now solves have to show anew
+            # how the camera stands now solves have to show again
             equipment.guard.learned.turned(None)
             raise
         equipment.guard.learned.turned(None if rotator.sense is None else rotator.sense * turn.by_deg)

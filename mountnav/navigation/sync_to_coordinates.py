@@ -57,7 +57,7 @@ _ADVICE: Mapping[SyncDoubt, str] = {
     SyncDoubt.TOO_LOW: "sync on a place that stands higher",
     SyncDoubt.NEAR_POLE: f"sync further from the pole; or {_LOOK}",
     SyncDoubt.TOLD_TOO_MUCH: f"{_LOOK}; or let it find its home; or, if you have seen that it points where "
-    "it says, let one who may configure say trust: from then on it is counted anew",
+    "it says, let one who may configure say trust: from then on it is counted again",
     SyncDoubt.NEAR_MERIDIAN: "sync further east or west",
     SyncDoubt.TOO_MANY: f"{_LOOK}; why does the mount need so many? backlash, slip, flexure?",
 }

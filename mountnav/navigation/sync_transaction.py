@@ -534,7 +534,7 @@ class TookElsewhere(SyncElsewhere):
             before.what,
             device=before.device,
             advice="its position counts by what was seen; corrections go by offset until noon, or until its "
-            "link is made anew",
+            "link is made again",
         )
         self.look = look
 

@@ -188,7 +188,7 @@ DOUBTFUL_LOOKS = 2
 clouds or a wrong scale cost two more exposures before that is said."""
 _ADVICE = (
     "nothing was moved or synced by it; look again; if the mount is really that far off, as after it was set "
-    "up anew, order first light"
+    "up again, order first light"
 )
 STUCK_TRIES = 2
 """After so many corrections that the tube did not follow a centering ends; after one more where it may take

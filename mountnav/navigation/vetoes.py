@@ -87,7 +87,7 @@ ADVICE: Mapping[SyncDoubt, str] = {
     SyncDoubt.SCALE: "was the binning or the optics changed? some solves in a row that agree are believed",
     SyncDoubt.ROTATION: "was the camera turned? some solves in a row that agree are believed",
     SyncDoubt.TOO_FAR: "check the mount's date, time zone, longitude and epoch; if it is really that "
-    "far off, as after it was set up anew, order first light",
+    "far off, as after it was set up again, order first light",
     SyncDoubt.NOT_EXPECTED: "look again: two looks that agree are believed in a recovery; did a clutch slip?",
     SyncDoubt.WRONG_SIDE: "compare the side of the pier that the mount tells with where the tube hangs: set "
     "swap_sides of the mount if it is the other one; if it is right, order first light",

@@ -157,7 +157,7 @@ def observation_of(record: Mapping[str, object]) -> PointingObservation:
 
 
 def write_observations(path: Path, observations: Iterable[PointingObservation]) -> int:
-    """Write a file of observations anew; the number of lines comes back."""
+    """Write a file of observations again; the number of lines comes back."""
     lines = [json.dumps(observation_record(one), allow_nan=False) for one in observations]
     path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     return len(lines)

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 Pixels = NDArray[np.generic]
 
-SIGNATURE = b"XISF0100"
-"""How each such file begins [XISF 1.0, section 9.2]."""
 _PREAMBLE_BYTES = 16
 """Signature, length of the header, and a reserved word."""
 _MOST_HEADER_BYTES = 64 << 20

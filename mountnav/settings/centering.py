@@ -89,7 +89,7 @@ class CenteringSettings(Section):
     pole_deg : float
         Nearer to the pole than this a centering goes by offsets, never by syncs.
     moved_retries : int
-        Frames taken anew because the mount was still moving in one.
+        Frames taken again because the mount was still moving in one.
     when_unsolved : UnsolvedSettings
     """
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 from pathlib import Path
 from typing import Literal, Self
 
@@ -10,7 +9,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from mountnav.settings.certificates import require_certificate_files
-from mountnav.settings.networks import Network, in_networks, is_everywhere
+from mountnav.settings.networks import Network, in_networks, is_everywhere, is_loopback
 from mountnav.settings.section import Section
 
 
@@ -41,7 +40,7 @@ class AlpacaSettings(_HandMotions):
     discovery_port : int
         UDP.
     open : bool
-        Whether whoever reaches the port may operate telescopes through it without a key, though keys are
+        Whether anyone who reaches the port may operate telescopes through it without a key, though keys are
         configured; else they need one (HTTP Basic, or X-API-Key).
     allow : tuple of str
         With `open`: the addresses and networks that need no key; all if none is named.
@@ -67,7 +66,7 @@ class AlpacaSettings(_HandMotions):
     silence_s: float = Field(default=5.0, gt=0, le=60)
 
     def admits(self, address: str) -> bool:
-        """Whether whoever comes from there needs no key."""
+        """Whether a caller from there needs no key."""
         return self.open and (not self.allow or in_networks(address, self.allow))
 
 
@@ -80,22 +79,17 @@ class _Port(Section):
     allow: tuple[Network, ...] = Field(default=(), max_length=100)
 
     def admits(self, address: str) -> bool:
-        """Whether whoever comes from there may come in without a key: this machine may in any case."""
+        """Whether a caller from there may come in without a key: this machine may in any case."""
         return in_networks(address, self.allow) or (self.open and not self.allow)
 
     @property
     def is_loopback(self) -> bool:
         """Whether only this machine can reach it."""
-        if self.host == "localhost":
-            return True
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return False
+        return is_loopback(self.host)
 
 
 class _Door(_Port):
-    """A port without keys: whoever reaches it operates. Only this machine does, unless it is said."""
+    """A port without keys: anyone who reaches it operates. Only this machine does, unless it is said."""
 
     @model_validator(mode="after")
     def _wide_is_said(self) -> Self:

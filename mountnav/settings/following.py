@@ -20,7 +20,7 @@ class FollowingSettings(Section):
     Attributes
     ----------
     on_loss
-        What is left at the end of rates, and when whoever ordered them is gone: ``sidereal``: it tracks as
+        What is left at the end of rates, and when their program is gone: ``sidereal``: it tracks as
         for a star; ``stop``: it stands still.
     guard
         Whether a small process beside the service ends rates and moved axes when the service dies. Without

@@ -37,7 +37,7 @@ class JournalSettings(Section):
         ``never``: all of the last seconds.
     audit_key_file : Path or None
         The key that seals the audit, made if it isn't there (mode 0600). None: ``audit.key`` beside the
-        file, else in the folder of the user's state. Whoever has it can forge the audit.
+        file, else in the folder of the user's state. Anyone who has it can forge the audit.
     """
 
     url: str = Field(default="", max_length=1000)

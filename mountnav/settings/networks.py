@@ -10,7 +10,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
-__all__ = ["Network", "in_networks", "is_everywhere"]
+__all__ = ["Network", "in_networks", "is_everywhere", "is_loopback"]
 
 
 def _network(text: str) -> str:
@@ -46,3 +46,13 @@ def in_networks(address: str, networks: Sequence[str]) -> bool:
 def is_everywhere(network: str) -> bool:
     """Whether a network has every address of its kind, or half of them."""
     return ipaddress.ip_network(network).prefixlen <= 1
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches what listens at a host: an address, or a name."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Self, get_args
+from typing import Annotated, Any, Self, TypeVar, get_args
 
 from pydantic import ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -189,12 +189,7 @@ class Settings(Section):
         BadSettings
             As `load`, of that table alone.
         """
-        text, name = _text(path), str(path)
-        data = _parsed(text, name)
-        try:
-            return _SolvingAlone.model_validate(data).solving
-        except ValidationError as error:
-            raise explain(error, name, text, data, known=_known_keys()) from error
+        return _read(_SolvingAlone, _text(path), str(path)).solving
 
     @classmethod
     def load_catalogs(cls, path: Path) -> CatalogsSettings:
@@ -205,12 +200,7 @@ class Settings(Section):
         BadSettings
             As `load`, of that table alone.
         """
-        text, name = _text(path), str(path)
-        data = _parsed(text, name)
-        try:
-            return _CatalogsAlone.model_validate(data).catalogs
-        except ValidationError as error:
-            raise explain(error, name, text, data, known=_known_keys()) from error
+        return _read(_CatalogsAlone, _text(path), str(path)).catalogs
 
     @classmethod
     def load_ephemerides(cls, path: Path) -> tuple[EphemeridesSettings, Site | None, Air]:
@@ -221,22 +211,24 @@ class Settings(Section):
         BadSettings
             As `load`, of those tables alone.
         """
-        text, name = _text(path), str(path)
-        data = _parsed(text, name)
-        try:
-            read = _EphemeridesAlone.model_validate(data)
-        except ValidationError as error:
-            raise explain(error, name, text, data, known=_known_keys()) from error
+        read = _read(_EphemeridesAlone, _text(path), str(path))
         return read.ephemerides, None if read.site is None else read.site.site, read.air.air
 
     @classmethod
     def parse(cls, text: str, *, name: str = "settings") -> Self:
         """Read settings from TOML text; `name` stands in the messages. Raises `BadSettings`."""
-        data = _parsed(text, name)
-        try:
-            return cls.model_validate(data)
-        except ValidationError as error:
-            raise explain(error, name, text, data, known=_known_keys()) from error
+        return _read(cls, text, name)
+
+
+_Read = TypeVar("_Read", bound=Section)
+
+
+def _read(section: type[_Read], text: str, name: str) -> _Read:
+    data = _parsed(text, name)
+    try:
+        return section.model_validate(data)
+    except ValidationError as error:
+        raise explain(error, name, text, data, known=_known_keys()) from error
 
 
 def _text(path: Path) -> str:

@@ -39,7 +39,7 @@ class WebhookSettings(Section):
     Attributes
     ----------
     url : str
-        Whoever knows it may post there: it is masked wherever it is told.
+        Anyone who knows it may post there: it is masked wherever it is told.
     kind : {"json", "slack", "discord", "ntfy"}
         What is posted: the whole report as JSON; or a message as these services take it.
     topic : str

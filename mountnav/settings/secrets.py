@@ -1,7 +1,7 @@
 """What is secret in settings, and texts without it: for records, bundles and whatever is handed to others.
 
 A field is secret by its name (`_SECRET`), unless it names a file; of addresses the user's password, values of
-the query, and, of webhooks, the whole path: whoever knows it may post there.
+the query, and, of webhooks, the whole path: anyone who knows it may post there.
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ class MechanicsMotors(MechanicsTruth):
             order.motion = order.motion.with_axis(axis, one)
 
     def set_encoder(self, axis: AxisName, angle_deg: float) -> None:
-        """Let one encoder show an angle from now on: the counts are labeled anew, the tube doesn't move."""
+        """Let one encoder show an angle from now on: the counts are labeled again, the tube doesn't move."""
         with self._order(moves=False) as order:
             motor_deg = order.motion.axis(axis).path.angle_at(order.t_s)
             counts_deg = angle_deg - motor_deg

@@ -256,7 +256,7 @@ class Motion:
         return SIDEREAL_DEG_S - ra_deg_s, north * dec_deg_s
 
     def with_rates_kept(self) -> Motion:
-        """The same motion, with custom rates that are not lost: they were ordered anew."""
+        """The same motion, with custom rates that are not lost: they were ordered again."""
         return replace(self, now=replace(self.now, rates_lost=False))
 
     def changed_sides(self, stage: Stage) -> Stage:

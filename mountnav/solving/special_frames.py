@@ -1,7 +1,7 @@
 """Frames that are made ordinary before they are solved: pixels not square, a sky cut off, a range of 0 to 1.
 
 **Pixels that are not square** (1 × 2 binning, older sensors) bend every angle between stars. Along the axis
-of the shorter side, brightness is shared out anew over pixels as long as those of the other axis, which are
+of the shorter side, brightness is shared out again over pixels as long as those of the other axis, which are
 then square; the solution is carried back to the pixels of the file.
 
 **A sky that is cut off**, as in pictures stretched to eight bits for the eye: what was noise is one level in

@@ -74,7 +74,8 @@ async def test_a_reader_that_is_far_behind_is_given_pieces_of_bounded_size() -> 
     for number in range(1000):
         events.publish("step" if number % 5 else "other", {"n": number, "what": "x" * 1000})
     reader = events.reader(f"{events.run}-0", lambda event: event.kind == "step")
-    heard, longest = [], 0
+    heard: list[object] = []
+    longest = 0
     while len(heard) < 800:
         piece = reader.at_hand()
         longest = max(longest, sum(len(event.wire) for event in piece))

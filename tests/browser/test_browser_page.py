@@ -141,7 +141,8 @@ def test_stop_during_a_slew(visit: Visit, observatory: Served, how: str) -> None
     page.wait_for_function("() => document.querySelector('#state-word').textContent !== 'Slewing'")
     found = newest_job(observatory)
     assert (found["kind"], found["state"]) == ("slew", "cancelled")
-    first, _ = observatory.truly("slow"), page.wait_for_timeout(400)
+    first = observatory.truly("slow")
+    page.wait_for_timeout(400)
     assert separation_arcsec(first, observatory.truly("slow")) < 60.0
     page.get_by_role("button", name="Seen").click()
     assert page.locator("#stop-told").is_hidden()

@@ -172,7 +172,9 @@ def test_the_page_and_the_service_read_alike() -> None:
         try:
             read = read_target(text)
         except BadRequest as wrong:
-            said = {"kind": "empty"} if found["kind"] == "empty" else {"kind": "wrong", "why": wrong.what}
+            said: dict[str, object] = (
+                {"kind": "empty"} if found["kind"] == "empty" else {"kind": "wrong", "why": wrong.what}
+            )
         else:
             if isinstance(read, TypedName):
                 said = {"kind": "name", "name": read.name}

@@ -19,7 +19,7 @@ from mountnav.settings.catalogs import CatalogsSettings
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Two imports of one catalog, and a damaged file."""
-    sigma, epoch = np.full(3, 30.0, np.float32), np.full(3, 2016.0, np.float32)
+    sigma, epoch = np.full(3, 30.0), np.full(3, 2016.0)
     columns = CatalogColumns(
         np.array([10.0, 20.0, 30.0]),
         np.array([0.0, 10.0, -10.0]),

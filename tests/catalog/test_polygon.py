@@ -32,7 +32,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> PackedStore:
         dec,
         np.zeros(COUNT),
         np.zeros(COUNT),
-        5.0 + 0.001 * rng.permutation(COUNT),
+        5.0 + 0.001 * np.arange(COUNT, dtype=np.float64)[rng.permutation(COUNT)],
         error_curve((one, one), (one / 10, one / 10), (one + 1970, one + 1970)),
     )
     path: Path = tmp_path_factory.mktemp("polygon") / "sky.mnc"

@@ -36,6 +36,7 @@ from mountnav.client.stream import EventReader
 from mountnav.settings.observatory import Settings
 from mountnav.sky.coordinates import Air, Site
 from tests.settings_text import SERVICE_AND_SITE
+from tools.client_orders import PATH, client_orders
 
 DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLE = DOCS / "examples" / "ten_targets.py"
@@ -191,6 +192,10 @@ def test_a_state_that_has_not_changed_is_not_sent_again(client: Client, service:
     assert again == client.known.answers["/v1/telescopes/east"][1]
     assert again["id"] == first["id"]
     assert statuses[0] == 200
+
+
+def test_the_client_s_orders_are_those_of_the_service() -> None:
+    assert PATH.read_text(encoding="utf-8") == client_orders(), "then run: python -m tools.client_orders"
 
 
 def test_every_kind_of_order_is_one_that_the_service_knows(client: Client) -> None:

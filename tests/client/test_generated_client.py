@@ -103,7 +103,7 @@ async def test_a_generated_client_has_every_route_and_works(made: tuple[Path, Pa
     toml = toml.replace("enabled = true", "enabled = true\nbegin_sun_below_deg = -90", 1)
     (tmp_path / "safety.txt").write_text("safe")
     server = uvicorn.Server(uvicorn.Config(create_app(Settings.parse(toml)), port=0, log_level="error"))
-    server.install_signal_handlers = lambda: None  # type: ignore[method-assign,attr-defined]
+    server.install_signal_handlers = lambda: None  # type: ignore[attr-defined]
     serving = asyncio.create_task(server.serve())
     try:
         while not server.started:

@@ -39,6 +39,7 @@ def test_the_file_is_the_published_telescope(name: str) -> None:
     assert isinstance(folder, FolderCameraSettings)
     assert (folder.width_px, folder.height_px) == (width, height)
     for told in (real.scale_arcsec_px, simulated.scale_arcsec_px, camera.scale_arcsec_px):
+        assert told is not None
         assert told == pytest.approx(scale, abs=6e-4)
         assert (width * told / 3600, height * told / 3600) == pytest.approx(field_deg, abs=6e-4)
 

@@ -9,6 +9,7 @@ import shutil
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 from xml.etree import ElementTree
 
@@ -31,7 +32,7 @@ class Indi:
         self._news = asyncio.Event()
 
     async def listen(self) -> None:
-        parser = ElementTree.XMLPullParser(["start", "end"])
+        parser: Any = ElementTree.XMLPullParser(["start", "end"])
         parser.feed("<indi>")
         assert self._process.stdout is not None
         depth = 1

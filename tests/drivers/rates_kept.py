@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 
 from mountnav.devices import PierSide
 from mountnav.simulation.mechanics import Mechanics
-from mountnav.sky.chain import icrs_to_apparent, sidereal_time_deg
+from mountnav.sky.chain import sidereal_time_deg
 from mountnav.sky.coordinates import Apparent
 from mountnav.sky.sphere import half_turn_deg
 
@@ -33,15 +33,6 @@ def kept_rates(
     )
     ra = half_turn_deg(two.ra_deg - one.ra_deg) * 3600.0 / for_s
     return ra, (two.dec_deg - one.dec_deg) * 3600.0 / for_s
-
-
-def true_rates(mechanics: Mechanics, begin: datetime, *, for_s: float = 200.0) -> tuple[float, float]:
-    """The same of where the optical axis looks, errors and air included."""
-    places = [
-        icrs_to_apparent(mechanics.truth(utc), utc) for utc in (begin, begin + timedelta(seconds=for_s))
-    ]
-    ra = half_turn_deg(places[1].ra_deg - places[0].ra_deg) * 3600.0 / for_s
-    return ra, (places[1].dec_deg - places[0].dec_deg) * 3600.0 / for_s
 
 
 def beside_the_meridian(mechanics: Mechanics, side: PierSide, dec_deg: float = 10.0) -> Apparent:

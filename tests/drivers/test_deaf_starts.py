@@ -58,7 +58,8 @@ def opened(kind: Family, run: Run, *faults: Fault) -> Rig:
         rig.mount = GenericMount(kind.language(Link(rig.line, patience, log)), site=HERE)
         return await rig.connected()
 
-    return run(one)
+    rig: Rig = run(one)
+    return rig
 
 
 @pytest.mark.long
@@ -103,7 +104,7 @@ def test_one_lost_answer_changes_no_dialect(kind: Family, run: Run) -> None:
     assert well.mount.report is not None
     for question in sorted({one for one in well.fake.obeyed if one}):
         for spoil in ("lose", "garble", "cut"):
-            rig = opened(kind, run, Fault(spoil, on=question, byte=1 if spoil == "garble" else None))  # type: ignore[arg-type]
+            rig = opened(kind, run, Fault(spoil, on=question, byte=1 if spoil == "garble" else None))
             assert rig.mount.report is not None
             assert rig.mount.skills == well.mount.skills, (question, spoil)
 
@@ -163,7 +164,7 @@ async def test_an_implausible_place_does_not_count(
             (here.ra_deg + 180.0) % 360.0, -(90.0 - HERE.latitude_deg + (below_deg or 0.0)), utc_now()
         )
     language.odd = [place, place, place]
-    mount = GenericMount(language, site=HERE)  # type: ignore[arg-type]
+    mount = GenericMount(language, site=HERE)
     await mount.open()
     try:
         assert not mount.trusted

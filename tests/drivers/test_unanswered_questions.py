@@ -18,7 +18,7 @@ from drivers.wire.wire_log import WireLog
 from mountnav.devices import Skill
 from mountnav.errors import DeviceError, DeviceSilent
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
-from mountnav.sky.coordinates import Air
+from mountnav.sky.coordinates import Air, Apparent
 from tests.drivers.virtual_wire import HandClock, MemoryLine, VirtualLoop, in_virtual_time
 from tests.drivers.wire_families import family, told_dialect
 from tests.drivers.wire_fuzz import HERE, Family
@@ -85,6 +85,11 @@ class Rig:
         return self
 
 
+def connecting(kind: Family, *faults: Fault) -> Callable[[HandClock], Coroutine[Any, Any, Rig]]:
+    """Connects such a mount, on the clock that it is given."""
+    return lambda clock: Rig(kind, clock, *faults).connected()
+
+
 Run = Callable[[Callable[[HandClock], Coroutine[Any, Any, Any]]], Any]
 
 
@@ -107,7 +112,7 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Run:
 @pytest.mark.long
 @pytest.mark.parametrize("kind", FAMILIES, ids=str)
 def test_each_question_but_the_needed_ones_may_stay_unanswered(kind: Family, run: Run) -> None:
-    well = run(lambda clock: Rig(kind, clock).connected())
+    well = run(connecting(kind))
     assert not any("doesn't answer" in one for one in well.mount.report.problems)
     questions = {one for one in well.fake.obeyed if one and one[:1] != b"K"}
     assert len(questions) >= (2 if kind.dialect == "basic" else 6)
@@ -117,7 +122,7 @@ def test_each_question_but_the_needed_ones_may_stay_unanswered(kind: Family, run
     for question in sorted(questions - needed):
         mute = Fault("lose", on=question, times=10**9)
         try:
-            rig = run(lambda clock, mute=mute: Rig(kind, clock, mute).connected())
+            rig = run(connecting(kind, mute))
         except DeviceError as error:
             wrong[question] = str(error)
             continue
@@ -135,7 +140,7 @@ def test_each_question_but_the_needed_ones_may_stay_unanswered(kind: Family, run
 @pytest.mark.long
 @pytest.mark.parametrize("kind", FAMILIES, ids=str)
 def test_the_needed_ones_are_missed_with_fitting_advice(kind: Family, run: Run) -> None:
-    well = run(lambda clock: Rig(kind, clock).connected())
+    well = run(connecting(kind))
     asked = {one for one in well.fake.obeyed if one in NEEDED[kind.protocol]}
     # OnStep and 10micron are asked for their finer words, and for these where those are missing
     assert asked or kind.dialect in ("onstep", "10micron")
@@ -143,7 +148,7 @@ def test_the_needed_ones_are_missed_with_fitting_advice(kind: Family, run: Run) 
     for question in sorted(asked):
         mute = Fault("lose", on=question, times=10**9)
         with pytest.raises(DeviceSilent) as missing:
-            run(lambda clock, mute=mute: Rig(kind, clock, mute).connected())
+            run(connecting(kind, mute))
         if question != first:
             # the cable is fine: it answers others
             assert "check cable" not in str(missing.value), question
@@ -160,7 +165,7 @@ def test_what_is_missing_is_a_skill_less(run: Run) -> None:
         (family("ioptron", "v3"), b":GUT#", Skill.CLOCK),
     ):
         mute = Fault("lose", on=question, times=10**9)
-        rig = run(lambda clock, kind=kind, mute=mute: Rig(kind, clock, mute).connected())
+        rig = run(connecting(kind, mute))
         assert skill not in rig.mount.skills, question
         assert len(rig.mount.skills) > 5
         assert any(repr(question) in one for one in rig.mount.report.problems), question
@@ -191,7 +196,7 @@ def test_an_onstep_without_fine_places_is_read_and_sent_coarsely(run: Run) -> No
         rig.mount.trust()
         place = (await rig.mount.reading()).place
         assert rig.mount.resolution_arcsec == 15.0
-        outcome = await rig.mount.slew(type(place)(place.ra_deg, place.dec_deg - 5.0, clock()))
+        outcome = await rig.mount.slew(Apparent(place.ra_deg, place.dec_deg - 5.0, clock()))
         await rig.mount.close()
         return rig, outcome
 

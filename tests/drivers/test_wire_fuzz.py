@@ -169,7 +169,7 @@ def test_the_same_seed_is_the_same_life() -> None:
     def life() -> tuple[list[bytes], Rig]:
         with pytest.MonkeyPatch.context() as patched:
             _, rig = lived(patched, "nexstar", None, 1500, 5, 0.05)
-        return rig.fake.heard, rig
+        return list(rig.fake.heard), rig
 
     heard, rig = life()
     again, _ = life()

@@ -169,7 +169,7 @@ class Rig:
         language = _Counted(family.language(Link(self.line, Patience(), log)), self)
         timing = Timing(longest_backoff_s=4.0)
         self.nearest_arcsec = timing.near_arcsec
-        self.mount = GenericMount(language, timing=timing, site=HERE)  # type: ignore[arg-type]
+        self.mount = GenericMount(language, timing=timing, site=HERE)
         self.mount.listen(self.hear)
 
     def hear(self, what: str, facts: object) -> None:

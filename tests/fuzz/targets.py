@@ -247,7 +247,6 @@ def _commands(family: str) -> tuple[Command[object], ...]:
             "features",
             "status",
             "position",
-            "worm_counts",
         ):
             found.append(getattr(codec, maker)(axis))
         found.append(codec.board())

@@ -6,7 +6,6 @@ import time
 
 import pytest
 
-from mountnav.identification import budget
 from mountnav.identification.budget import Budget, wall_limit_s
 
 
@@ -18,8 +17,8 @@ class Clocks:
 @pytest.fixture
 def clocks(monkeypatch: pytest.MonkeyPatch) -> Clocks:
     clocks = Clocks()
-    monkeypatch.setattr(budget.time, "thread_time", lambda: clocks.cpu_s)
-    monkeypatch.setattr(budget.time, "monotonic", lambda: clocks.wall_s)
+    monkeypatch.setattr(time, "thread_time", lambda: clocks.cpu_s)
+    monkeypatch.setattr(time, "monotonic", lambda: clocks.wall_s)
     return clocks
 
 

@@ -1,6 +1,7 @@
 """The odds that are claimed: never smaller than chance really has it, and small enough for true matches."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -77,7 +78,8 @@ def test_looks_cover_a_search_that_stops_at_the_first_success():
 def test_the_odds_of_wrong_plates_are_not_understated(kind, count):
     """Plates through three made-up pairs: no more than 5 % of them may look like a 5 % chance."""
     rng = np.random.default_rng(count)
-    scale, chances = 5.0, []
+    scale = 5.0
+    chances: list[Any] = []
     middle = complex((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
     while len(chances) < 120:
         place = anywhere(rng)
@@ -182,7 +184,7 @@ def not_there(kind, count, rng, turn, place):
 def test_the_odds_of_wrong_anchors_are_not_understated(kind, count, scale):
     """Plates through two made-up pairs; the brightest, the many and those alike in brightness are asked."""
     rng = np.random.default_rng(count)
-    chances = []
+    chances: list[Any] = []
     while len(chances) < 100:
         place = CLUSTERS[int(rng.integers(len(CLUSTERS)))] if kind == "cluster on cluster" else anywhere(rng)
         turn = scale * np.exp(2j * np.pi * rng.random())

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from tests.identification.drawn_fields import (
     stars_at,
 )
 
-EXACT = {"centroid_px": (1e-4, 1e-4), "catalog_arcsec": (1e-4, 1e-4)}
+EXACT: dict[str, Any] = {"centroid_px": (1e-4, 1e-4), "catalog_arcsec": (1e-4, 1e-4)}
 
 
 def reordered(measurements, order):

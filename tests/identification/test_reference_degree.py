@@ -80,7 +80,8 @@ def test_degree_rises_only_for_what_the_pairs_show(radial_px, count, degrees):
 
 def test_sixteen_stars_tell_the_radial_distortion():
     """As in the rendered E frames: a similarity leaves 0.5 px at the corners."""
-    worst, plain = [], []
+    worst: list[float] = []
+    plain: list[float] = []
     for seed in range(10):
         camera = Camera(radial_px=0.7)
         measurements, stars = draw(np.random.default_rng(seed), camera, 16, centroid_px=(0.005, 0.02))

@@ -48,6 +48,8 @@ def test_half_the_stars_and_three_times_as_many_false_ones(shared, names):
     for known in chosen:
         frame = read(known)
         assert not isinstance(frame, BadFrame)
+        assert known.center is not None
+        assert known.scale_arcsec_px is not None
         m = disturbed(measure(frame), np.random.default_rng(17))
         got = identify(m, embedded_catalog(), known.hint, epoch_yr=2000.0)
         assert got.reference is not None, (known.path.name, got.detail)
@@ -63,6 +65,7 @@ def test_a_turned_frame_shows_the_same_sky(shared):
     known = next(one for one in rendered(shared) if one.path.name.startswith("E03"))
     frame = read(known)
     assert not isinstance(frame, BadFrame)
+    assert known.scale_arcsec_px is not None
     size, at = 2048, (700.0, 1200.0)
     places, parities = [], []
     for turned, x, y in (

@@ -1,6 +1,7 @@
 """Star lists of the real sky, everywhere on it, under hints good and bad."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from mountnav.solution import Reason
 from mountnav.solving.contradictions import contradictions_with
 from tests.identification.listed_sky import EPOCH, JUNK, PLACES, anywhere, asked, drawn, listed, seen
 
-HINTS = {
+HINTS: dict[str, dict[str, Any]] = {
     "close": {},
     "off by up to three fields, scale within 20 %": {"fields": 3.0, "spread": 0.2},
     "scale unknown": {"scale_known": False},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -56,7 +57,7 @@ def test_the_pieces_of_one_trail_confirm_a_wrong_plate_once(plates: int) -> None
     place = Icrs(80.0, 20.0)
     plate = similarity_plate(place, turn, -turn * middle, mirrored=False, width_px=WIDTH, height_px=HEIGHT)
     template = embedded_catalog().cone(place, 3.0, epoch_yr=2000.0)
-    claimed = {True: [], False: []}
+    claimed: dict[bool, list[Any]] = {True: [], False: []}
     for _ in range(plates):
         x, y = _comb(rng.uniform(60, 900, 12), rng.uniform(60, 700, 12), offsets, rng)
         at_x, at_y = _comb(rng.uniform(60, 900, 9), rng.uniform(60, 700, 9), offsets, rng)

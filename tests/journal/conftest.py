@@ -74,5 +74,6 @@ def postgresql() -> Iterator[str]:
             server.wait(30)
         server.kill()
         server.wait()
-        server.stderr.close()
+        if server.stderr is not None:
+            server.stderr.close()
         shutil.rmtree(folder, ignore_errors=True)

@@ -96,7 +96,7 @@ def _sql(*statements: str) -> Callable[[sqlite3.Connection], None]:
 
 
 def _rehashed(connection: sqlite3.Connection) -> None:
-    """Somebody who knows the program changes row 5 and makes all hashes behind it anew."""
+    """Somebody who knows the program changes row 5 and makes all hashes behind it again."""
     connection.execute("UPDATE audit SET caller = 'guest' WHERE row_id = 5")
     connection.row_factory = sqlite3.Row
     before = "0" * 64
@@ -107,7 +107,7 @@ def _rehashed(connection: sqlite3.Connection) -> None:
 
 
 def _closed_up(connection: sqlite3.Connection) -> None:
-    """Row 4 taken out, the numbers behind it moved up, the hashes made anew."""
+    """Row 4 taken out, the numbers behind it moved up, the hashes made again."""
     connection.execute("DELETE FROM audit WHERE row_id = 4")
     for number in range(5, 10):
         connection.execute("UPDATE audit SET chain_no = ? WHERE row_id = ?", (number - 1, number))
@@ -127,8 +127,8 @@ _SWAP = "UPDATE audit SET {0} = (SELECT other.{0} FROM audit AS other WHERE othe
         (_sql("UPDATE audit SET request = '{' WHERE row_id = 3"), 3, "altered"),
         (_sql("UPDATE audit SET status = x'ff' WHERE row_id = 3"), 3, "altered"),
         (_sql("UPDATE audit SET job_id = NULL WHERE row_id = 9"), 9, "altered"),
-        (_rehashed, 5, "altered, and its hash made anew"),
-        (_closed_up, 5, "altered, and its hash made anew"),
+        (_rehashed, 5, "altered, and its hash made again"),
+        (_closed_up, 5, "altered, and its hash made again"),
         (_sql("DELETE FROM audit WHERE row_id = 4"), 5, "1 row before it was removed (number 4)"),
         (_sql("DELETE FROM audit WHERE row_id < 4"), 4, "3 rows before it were removed (numbers 1 to 3)"),
         (_sql("DELETE FROM audit WHERE row_id > 7"), None, "rows 8 to 9 were removed from the end"),

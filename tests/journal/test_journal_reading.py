@@ -8,6 +8,7 @@ import random
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -153,7 +154,7 @@ def test_instants_of_people() -> None:
 def test_filters_that_are_none() -> None:
     for odd in ({"kinds": frozenset({"x"})}, {"outcome": "x"}, {"since": datetime(1, 1, 1, tzinfo=UTC)}):
         with pytest.raises(BadRequest):
-            Wanted(**odd)  # type: ignore[arg-type]
+            Wanted(**odd)
 
 
 async def test_looks_as_observations(journal: SqlJournal, file: Path) -> None:
@@ -164,8 +165,14 @@ async def test_looks_as_observations(journal: SqlJournal, file: Path) -> None:
     await journal.look(look_of(before=before, after=after, model_id="m", parity=-1, rotation_deg=3.0))
     slewing = MountReading(place, at(1), slewing=True)
     far = MountReading(displaced(place, 300.0, 0.0), at(1))
-    for odd in ({"after": slewing}, {"after": far}, {"solved": False}, {"seen": None}):
-        await journal.look(look_of(seconds=50, **{"before": before, "after": after, **odd}))
+    oddities: tuple[dict[str, Any], ...] = (
+        {"after": slewing},
+        {"after": far},
+        {"solved": False},
+        {"seen": None},
+    )
+    for odd in oddities:
+        await journal.look(look_of(seconds=50, **({"before": before, "after": after} | odd)))
     [one] = observations(file, "east")
     assert observations(str(file), "east", since=at(0.1)) == []
     assert observations(JournalReader(file), "west") == []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -36,7 +37,7 @@ class StandingMount:
         return self._reading
 
 
-def standing(east_arcsec: float = 0.0, place: Apparent | Icrs = THERE, **said: object) -> StandingMount:
+def standing(east_arcsec: float = 0.0, place: Any = THERE, **said: object) -> StandingMount:
     where = displaced(place, east_arcsec, 0.0)
     return StandingMount(MountReading(where, at(600), **said))  # type: ignore[arg-type]
 
@@ -136,7 +137,8 @@ async def test_killed_while_taking_up_nothing_is_forgotten(killed: SqlJournal, a
     first, second = slew_of(), slew_of(seconds=1, order="stop", place=None)
     await killed.begin(first)
     await killed.begin(second)
-    real, closed = after.end, []
+    real = after.end
+    closed: list[Any] = []
 
     async def killed_here(command_id: str, end: CommandEnd) -> None:
         if closed:
@@ -159,7 +161,7 @@ def order(kind: str, place: Apparent | Icrs | None = None, **facts: object) -> C
     return slew_of(order=kind, place=place, facts=facts, before=before, command_id=new_id())
 
 
-def read(place: Apparent | Icrs = THERE, **said: object) -> MountReading:
+def read(place: Any = THERE, **said: object) -> MountReading:
     return MountReading(place, at(600), **said)  # type: ignore[arg-type]
 
 
@@ -206,7 +208,7 @@ def test_judgments(command: CommandRecord, reading: MountReading, likely: Likely
 
 
 def test_places_of_two_kinds_are_compared_as_one() -> None:
-    """A mount ordered in one kind and read in another (its epoch was set anew) isn't called 20′ off."""
+    """A mount ordered in one kind and read in another (its epoch was set again) isn't called 20′ off."""
     from mountnav.sky.chain import apparent_to_icrs
 
     command = replace(slew_of(), place=THERE)

@@ -20,7 +20,8 @@ def spots(
     if trail_px > 0.0:
         steps = (np.arange(60) + 0.5) / 60 - 0.5
         angle = np.radians(trail_deg)
-        return trail_px * steps[:, None] * np.array([np.cos(angle), np.sin(angle)])
+        spread: NDArray[np.float64] = trail_px * steps[:, None] * np.array([np.cos(angle), np.sin(angle)])
+        return spread
     if donut_px > 0.0:
         count = 600
         k = np.arange(count) + 0.5

@@ -37,7 +37,8 @@ def signal_to_noise(sky: np.ndarray, through: np.ndarray | float) -> np.ndarray:
     here = np.rint(Y).astype(int), np.rint(X).astype(int)
     share = np.broadcast_to(through, SIZE)[here]
     light, level = ELECTRONS * share, (sky * through)[here]
-    return light / np.sqrt(light + 4 * np.pi * (FWHM_PX / 2.3548) ** 2 * (level + READ_NOISE**2))
+    ratio: np.ndarray = light / np.sqrt(light + 4 * np.pi * (FWHM_PX / 2.3548) ** 2 * (level + READ_NOISE**2))
+    return ratio
 
 
 def alone() -> np.ndarray:
@@ -132,7 +133,7 @@ def test_overscan_strips_make_no_sources() -> None:
     plain = measured(exposed(np.full(SIZE, 100.0), stars()))
     inside = (plain.x_px > 45.0) & (plain.x_px < SIZE[1] - 61.0) & (plain.flux > 2000.0)
     distance, _ = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[plain.x_px, plain.y_px][inside])
-    assert (distance < 0.2).mean() >= 0.98
+    assert np.mean(distance < 0.2) >= 0.98
 
 
 @pytest.mark.long
@@ -143,7 +144,7 @@ def test_nan_borders_lose_no_stars_beside_them() -> None:
     found = measure(Frame(pixels=image), settings=MeasuringSettings(max_sources=6000))
     here = (X > 136) & (SIZE[0] - 97 > Y) & (signal_to_noise(skies()["gradient"][0], 1.0) > 10.0) & alone()
     distance, _ = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[X, Y][here])
-    assert (distance < 1.0).mean() >= 0.98
+    assert np.mean(distance < 1.0) >= 0.98
     assert not ((found.x_px < 128.0) | (found.y_px > SIZE[0] - 88.0)).any()
 
 

@@ -18,7 +18,10 @@ SERIES = "rzellem+EXOTIC_sampledata/HATP-32171220013{}.FITS.gz"
 
 
 def clean(found: Measurements) -> np.ndarray:
-    return np.c_[found.x_px, found.y_px, found.x_sigma_px, found.flux, found.flux_sigma][found.flags == 0]
+    table: np.ndarray = np.c_[found.x_px, found.y_px, found.x_sigma_px, found.flux, found.flux_sigma][
+        found.flags == 0
+    ]
+    return table
 
 
 def paired(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -26,7 +29,7 @@ def paired(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     away = (other[:60, None, :2] - one[None, :60, :2]).reshape(-1, 2)
     near = KDTree(away).query_ball_point(away, 1.0)
     shift = away[max(near, key=len)].mean(axis=0)
-    distance, index = KDTree(other[:, :2]).query(one[:, :2] + shift)
+    distance, index = map(np.asarray, KDTree(other[:, :2]).query(one[:, :2] + shift))
     return one[distance < 1.5], other[index[distance < 1.5]]
 
 

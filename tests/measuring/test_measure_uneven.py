@@ -53,7 +53,7 @@ def test_stars_are_neither_made_nor_lost(name: str) -> None:
     distance, index = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[x, y])
     complete = float(((distance < 1.5) & real[index]).mean())
     far, _ = KDTree(np.c_[x, y]).query(np.c_[found.x_px, found.y_px][real])
-    false = int((far > 3.0).sum())
+    false = int(np.sum(far > 3.0))
     print(f"\n{name}: {complete:.1%} complete, {false} false of {real.sum()}")
     assert complete >= 0.95
     assert false <= 6

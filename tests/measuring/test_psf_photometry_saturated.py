@@ -27,7 +27,7 @@ def test_saturated_stars_of_rendered_frames(shared: Path, name: str, least: int)
     stars = np.array(truth["stars"])
     inside = (stars[:, 0] > 10) & (stars[:, 1] > 10)
     stars = stars[inside & (stars[:, 0] < truth["w"] - 11) & (stars[:, 1] < truth["h"] - 11)]
-    distance, index = KDTree(np.c_[found.x_px, found.y_px]).query(stars[:, :2])
+    distance, index = map(np.asarray, KDTree(np.c_[found.x_px, found.y_px]).query(stars[:, :2]))
     full = (found.flags[index] & int(Flag.SATURATED)) > 0
     assert full.sum() >= least
     assert full[0]

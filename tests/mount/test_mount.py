@@ -402,6 +402,7 @@ def test_a_sync_that_was_seen_begins_a_segment(behaves: str, outcome: Outcome, k
         before, heard = rig.mount.segment_id, []
         rig.mount.on_segment(lambda segment, why: heard.append((segment, why)))
         place = (await rig.mount.reading()).place
+        assert isinstance(place, Apparent)
         result = await rig.mount.sync(displaced(place, 300.0, 200.0))
         assert (result.outcome is SyncOutcome.IGNORED) == kept
         assert (rig.mount.segment_id == before) == kept
@@ -419,6 +420,7 @@ def test_a_sync_that_shows_much_later_begins_a_segment_then() -> None:
         rig.mechanics.sync_late_s = 8.0
         before = rig.mount.segment_id
         place = (await rig.mount.reading()).place
+        assert isinstance(place, Apparent)
         assert (await rig.mount.sync(displaced(place, 300.0, 200.0))).outcome is SyncOutcome.IGNORED
         assert rig.mount.segment_id == before
         await rig.clock.sleep(60.0)

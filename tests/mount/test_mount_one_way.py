@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from types import FrameType
 
 import pytest
 
@@ -158,10 +159,11 @@ def test_each_order_that_reaches_a_driver_comes_from_the_checked_mount(
         given = getattr(SimulatedMount, order)
 
         async def spy(self: SimulatedMount, *args: object, **named: object) -> object:
-            frame, files = sys._getframe(1), []
+            frame: FrameType | None = sys._getframe(1)
+            files: list[str] = []
             while frame is not None and len(files) < 6:
                 files.append(frame.f_code.co_filename)
-                frame = frame.f_back  # type: ignore[assignment]
+                frame = frame.f_back
             came.append((order, any(CHECKED in file for file in files)))
             return await given(self, *args, **named)
 

@@ -11,6 +11,7 @@ from mountnav.devices import SyncOutcome, SyncResult
 from mountnav.errors import DeviceRefused, Refusal, RefusedButDone, SyncIgnored
 from mountnav.journal.records import EntryKind, Outcome
 from mountnav.pointing.limits import Limits
+from mountnav.sky.coordinates import Apparent
 from mountnav.sky.sphere import displaced
 from tests.mount.mount_rig import Rig, run
 from tests.navigation.virtual_rig import ERRORS, VirtualRig, in_virtual_time
@@ -22,6 +23,7 @@ def test_a_sync_taken_for_another_place_is_written_as_that_and_ends_the_trust(to
         rig.mechanics.sync_behavior = took
         segment = rig.mount.segment_id
         place = (await rig.mount.reading()).place
+        assert isinstance(place, Apparent)
         result = await rig.mount.sync(displaced(place, 900.0, 700.0))
         assert result.outcome is SyncOutcome.ELSEWHERE
         assert not rig.mount.trusted
@@ -47,6 +49,7 @@ def test_the_driver_of_somebody_else_that_calls_it_ignored_is_not_believed() -> 
 
         rig.driver.sync = sync  # type: ignore[method-assign]
         place = (await rig.mount.reading()).place
+        assert isinstance(place, Apparent)
         rig.mechanics.sync_behavior = "ignore"
         assert (await rig.mount.sync(displaced(place, 900.0, 700.0))).outcome is SyncOutcome.IGNORED
         assert rig.mount.trusted
@@ -77,6 +80,7 @@ def test_a_sync_that_was_refused_and_done_begins_a_segment() -> None:
         rig.driver.denies = {"sync"}
         segment = rig.mount.segment_id
         place = (await rig.mount.reading()).place
+        assert isinstance(place, Apparent)
         with pytest.raises(RefusedButDone):
             await rig.mount.sync(displaced(place, 900.0, 700.0))
         assert rig.mount.segment_id != segment
@@ -125,7 +129,7 @@ def test_one_that_is_further_off_than_a_sync_may_be_counts_no_more() -> None:
     async def work(rig: VirtualRig) -> float:
         rig.mechanics.sync_behavior = "elsewhere"
         target = rig.up(-20.0, 30.0)
-        # it began anew with a recovery, whose sync led to the same place
+        # it began again with a recovery, whose sync led to the same place
         with pytest.raises(SyncIgnored, match="the reading is 18310″ from what was synced"):
             await rig.navigator.center(target)
         assert not rig.navigator.mount.trusted

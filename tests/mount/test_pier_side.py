@@ -61,7 +61,7 @@ class Judge:
 
 
 async def sent(rig: Rig, ha_deg: float, dec_deg: float) -> list[str]:
-    """Send it there as a navigator does, planned anew when it went another way; what was said meanwhile."""
+    """Send it there as a navigator does, planned again when it went another way; what was said meanwhile."""
     place, said = rig.place(ha_deg, dec_deg), list[str]()
     for _ in range(1 + PLANNED_ANEW):
         try:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from datetime import UTC, datetime
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
@@ -17,6 +19,7 @@ from mountnav.mount import WentAnotherWay
 from mountnav.pointing.limits import Horizon, Limits
 from mountnav.simulation.mechanics import Machine
 from mountnav.sky.chain import icrs_to_apparent, icrs_to_observed
+from mountnav.sky.coordinates import Apparent
 from mountnav.sky.planets import position_of_body
 from mountnav.sky.sphere import separation_arcsec
 from tests.mount.mount_rig import AIR, SITE, Rig, run
@@ -146,6 +149,10 @@ def test_a_park_out_of_the_suns_way_that_stalls_is_told_and_not_forced() -> None
     assert rig.outcomes() == [("slew", Outcome.DONE), ("park", Outcome.STALLED)]
 
 
+def sends_elsewhere(send: Callable[[Apparent], object], elsewhere: Apparent) -> Callable[[Apparent], Any]:
+    return lambda target: send(elsewhere)
+
+
 def test_a_mount_that_goes_another_way_than_predicted_is_stopped() -> None:
     deepest: list[float] = []
 
@@ -153,7 +160,7 @@ def test_a_mount_that_goes_another_way_than_predicted_is_stopped() -> None:
         await rig.mount.slew(rig.place(-50.0, 20.0))
         send = rig.mechanics.slew
         elsewhere = rig.place(-110.0, 0.0)
-        rig.mechanics.slew = lambda target: send(elsewhere)  # type: ignore[method-assign,assignment]
+        rig.mechanics.slew = sends_elsewhere(send, elsewhere)  # type: ignore[method-assign,assignment]
         slewing = asyncio.create_task(rig.mount.slew(rig.place(-20.0, 50.0)))
         while not slewing.done():
             await rig.clock.sleep(0.1)
@@ -330,7 +337,7 @@ def test_a_stop_on_the_way_that_was_not_heard_is_sent_again_and_told_once() -> N
     async def work(rig: Rig) -> None:
         await rig.mount.slew(rig.place(-50.0, 20.0))
         send, elsewhere = rig.mechanics.slew, rig.place(-110.0, 0.0)
-        rig.mechanics.slew = lambda target: send(elsewhere)  # type: ignore[method-assign,assignment]
+        rig.mechanics.slew = sends_elsewhere(send, elsewhere)  # type: ignore[method-assign,assignment]
         deaf_to_stops(rig, 3)
         slewing = asyncio.create_task(rig.mount.slew(rig.place(-20.0, 50.0)))
         while not slewing.done():

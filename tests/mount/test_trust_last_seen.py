@@ -19,7 +19,7 @@ from mountnav.journal.sql_journal import SqlJournal, open_journal
 from mountnav.mount.trust import ELSEWHERE_DEG, LastSeen, strayed_deg, why_not_to_trust
 from mountnav.navigation.sync import SyncTrigger
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
-from mountnav.sky.coordinates import HourAngle, Icrs
+from mountnav.sky.coordinates import Apparent, HourAngle, Icrs
 from mountnav.sky.sphere import displaced
 from tests.navigation.sync_rig import AIR, SITE, SyncRig, rigged
 
@@ -83,6 +83,7 @@ def test_what_stays_or_tracks_is_never_astray(
     known = LastSeen(at(ha, dec), LEFT, True)
     turned = ha + 15.041067 * hours * share
     now = met((turned + 180.0) % 360.0 - 180.0, dec, hours)
+    assert isinstance(now.place, Apparent)
     nudged = replace(now, place=displaced(now.place, east, north))
     assert strayed_deg(known, nudged, SITE, AIR) < ELSEWHERE_DEG
 

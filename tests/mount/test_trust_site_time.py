@@ -6,6 +6,7 @@ import contextlib
 import time
 from collections.abc import AsyncIterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -25,6 +26,7 @@ from mountnav.sky.chain import hour_angle_to_icrs
 from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site
 from mountnav.sky.sphere import half_turn_deg
 from tests.drivers.alpaca import test_language as alpaca
+from tests.drivers.alpaca.alpaca_server import HERE as ALPACA_SITE
 from tests.navigation.sync_rig import SITE, SyncRig, rigged
 
 OTHER = replace(SITE, longitude_deg=-SITE.longitude_deg)
@@ -289,7 +291,7 @@ def test_what_is_accepted_is_written_down_and_forgotten_when_it_changes() -> Non
 
 
 def test_how_far_apart_is_apart() -> None:
-    def words(**off: float) -> str | None:
+    def words(**off: Any) -> str | None:
         return Difference.of(ConnectReport("a mount", "apparent", **off)).words
 
     assert (
@@ -306,7 +308,7 @@ async def test_an_alpaca_mount_that_keeps_its_place_among_the_stars_is_not_trust
     async with alpaca.rigged() as rig:
         rig.telescope.site[1] -= 44.5
         mount = CheckedMount(
-            rig.mount, telescope="east", limits=Limits(5.0, sun_cone_deg=0.0), site=alpaca.HERE, air=Air()
+            rig.mount, telescope="east", limits=Limits(5.0, sun_cone_deg=0.0), site=ALPACA_SITE, air=Air()
         )
         await rig.mount.compare()
         mount.trust()

@@ -107,7 +107,7 @@ async def test_an_unsolved_frame_moves_and_syncs_nothing(make_rig: MakeRig) -> N
             await expose(exposure_s), pixels=noise.normal(500.0, 10.0, (800, 1000)).astype(np.uint16)
         )
 
-    rig.navigator.camera.expose = expose_with_the_cap_on
+    rig.navigator.camera.expose = expose_with_the_cap_on  # type: ignore[method-assign]
     with pytest.raises(SolveFailed):
         await rig.navigator.sync()
     assert rig.kinds().count("not-solved") == 2
@@ -208,7 +208,7 @@ async def test_a_frame_of_another_time_is_never_used(make_rig: MakeRig, shift_s:
         assert frame.mid_exposure_utc is not None
         return replace(frame, mid_exposure_utc=frame.mid_exposure_utc + timedelta(seconds=shift_s))
 
-    rig.navigator.camera.expose = expose_other_time
+    rig.navigator.camera.expose = expose_other_time  # type: ignore[method-assign]
     with pytest.raises(BadFrame, match="the time it was asked for"):
         await rig.navigator.sync()
     assert "syncing" not in rig.kinds()

@@ -25,11 +25,6 @@ def off(degrees: float, turn_deg: float) -> PointingErrors:
     )
 
 
-def below_all(rig: VirtualRig) -> None:
-    limits = rig.navigator.limits
-    assert rig.mechanics.true_observed().alt_deg > limits.min_altitude_deg
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("turn_deg", [30.0, 150.0, 270.0])
 @pytest.mark.parametrize("starts_at", ["home", "zenith"])
@@ -79,8 +74,7 @@ def turned_over(rig: VirtualRig) -> None:
     with mechanics._order(moves=False) as order:
         from dataclasses import replace
 
-        from mountnav.simulation.belief import Belief
-        from mountnav.simulation.mechanics_motors import believing
+        from mountnav.simulation.belief import Belief, believing
         from mountnav.simulation.posture import axes_at
         from mountnav.sky.sphere import half_turn_deg
 

@@ -27,7 +27,7 @@ END = BEGIN + timedelta(minutes=20)
 ALL = Means(True, None, 7200.0, 0.1, (0.00209, 0.00209), 8.0, "a mount")
 
 
-def bending(ra: float, dec: float, ra_s: float = 0.0, dec_s: float = 0.0):  # type: ignore[no-untyped-def]
+def bending(ra: float, dec: float, ra_s: float = 0.0, dec_s: float = 0.0):
     """A path with these rates at the beginning, changing evenly."""
 
     def path(utc: datetime) -> Icrs:

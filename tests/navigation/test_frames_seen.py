@@ -19,7 +19,7 @@ from tests.navigation.virtual_rig import VirtualRig, in_virtual_time
 
 def _ail(rig: VirtualRig, habit: str) -> TruthCamera:
     camera = rig.camera
-    camera._habit, camera._ails_from = habit, camera.frames
+    camera._habit, camera._ails_from = habit, camera.frames  # type: ignore[assignment]
     return camera
 
 

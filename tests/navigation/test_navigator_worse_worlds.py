@@ -7,7 +7,7 @@ import pytest
 from benchmarks.worse_worlds import TARGETS, Outcome, lived
 
 BROKE = [
-    # after a stop on its way it was planned anew, and the end of that stop took the next slew as well
+    # after a stop on its way it was planned again, and the end of that stop took the next slew as well
     ("side-swapped", 216),
     # the way alone is refused, by the side that is told wrongly
     ("side-swapped", 206),

@@ -98,12 +98,14 @@ def test_a_frame_in_motion_is_doubted() -> None:
 def test_a_frame_that_nobody_read_the_mount_round_is_no_look() -> None:
     async def work(rig: VirtualRig) -> None:
         frame = await rig.camera.expose(5.0)
-        early = replace(frame, mid_exposure_utc=frame.mid_exposure_utc - timedelta(hours=3))
+        assert frame.mid_exposure_utc is not None
+        hours_ago = frame.mid_exposure_utc - timedelta(hours=3)
+        early = replace(frame, mid_exposure_utc=hours_ago)
         verdict = rig.sky.verdict(frame, Hint(center=rig.mechanics.truth(), radius_deg=2.0), SolveSettings())
         found = await rig.navigator.frame(early, verdict)
         assert found.look is None
         assert "not read" in found.why
-        assert rig.navigator.believed(early.mid_exposure_utc) is None
+        assert rig.navigator.believed(hours_ago) is None
         assert rig.journal.looks[-1].reason == "not-read"
         with pytest.raises(BadFrame):
             await rig.navigator.frame(replace(frame, mid_exposure_utc=None), verdict)

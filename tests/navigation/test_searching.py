@@ -60,7 +60,7 @@ def test_it_ends_where_a_look_solves_and_centers() -> None:
     in_virtual_time(work)
 
 
-def _heal(rig: VirtualRig, solver: PoorRound):  # type: ignore[no-untyped-def]
+def _heal(rig: VirtualRig, solver: PoorRound):
     """Once something was solved the target itself can be seen, as when a cloud has passed."""
 
     def listen(kind: str, facts: dict[str, object]) -> None:

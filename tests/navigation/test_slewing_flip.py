@@ -1,4 +1,4 @@
-"""German mounts: the target is centered anew after a flip, and the side is checked by the solved rotation."""
+"""German mounts: a flip centers the target again, and the solved rotation checks the side."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_a_target_is_centered_anew_after_a_flip() -> None:
         after = await rig.navigator.flip(target)
         assert after.flipped
         assert after.side is PierSide.EAST
-        # the sync from before was worth nothing: twice the cone error, and the target was centered anew
+        # the sync from before was worth nothing: twice the cone error, and the target was centered again
         assert after.error_before_arcsec > 600.0
         assert rig.off_arcsec(target) < 31.0
         assert rig.told("flipped")

@@ -7,6 +7,7 @@ import json
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -144,9 +145,9 @@ def test_the_same_rules_decide_the_same(night) -> None:
 
 @pytest.mark.long
 def test_what_the_rules_were_told_is_made_again_to_the_last_digit(night) -> None:
-    """Frames are compared anew with the recorded readings; nothing is taken from the recorded comparison."""
+    """Frames are compared again with the recorded readings; nothing is taken from the recorded comparison."""
     recording, _ = night
-    heard: list[tuple[FrameSeen, FrameSeen]] = []
+    heard: list[tuple[FrameSeen, Any]] = []
 
     class Listening(Replay):
         def _of_now(self, event):

@@ -3,6 +3,7 @@
 import math
 import random
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -34,7 +35,9 @@ def frames(shared) -> list[tuple[Known, Frame]]:
 def test_known_frames_are_solved_and_none_wrongly(frames, every):
     """Every fifth one; the long one tries all."""
     judged = [(known, frame) for known, frame in frames if known.grade in "ABR"][::every]
-    right, missed, wrong = [], [], []
+    right: list[Any] = []
+    missed: list[Any] = []
+    wrong: list[Any] = []
     for known, frame in judged:
         verdict = solve(frame, embedded_catalog(), hint=asked(known, frame), settings=BUDGET)
         name = f"{known.path.parts[-2]}/{known.path.name}"

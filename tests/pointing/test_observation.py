@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -81,7 +82,7 @@ GOOD = {"utc": "2026-11-21T22:00:00Z", "seen": {"ra_deg": 1, "dec_deg": 2}, "sig
         ({"colour": 1}, "unknown key colour"),
     ],
 )
-def test_bad_lines_are_named(tmp_path: Path, change: dict, words: str) -> None:
+def test_bad_lines_are_named(tmp_path: Path, change: dict[str, Any], words: str) -> None:
     path = tmp_path / "looks.jsonl"
     path.write_text(json.dumps(GOOD) + "\n" + json.dumps(GOOD | change) + "\n", encoding="utf-8")
     with pytest.raises(BadRequest, match=r"looks\.jsonl, line 2") as caught:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import struct
 import zlib
+from typing import Literal
 
 import numpy as np
 from astropy.io import fits
@@ -42,7 +43,7 @@ def deep_png(pixels: NDArray[np.uint16]) -> bytes:
     )
 
 
-def tiff(pixels: NDArray[np.generic], order: str, *, deflate: bool = False) -> bytes:
+def tiff(pixels: NDArray[np.generic], order: Literal["<", ">"], *, deflate: bool = False) -> bytes:
     """A TIFF of one strip, order "<" or ">": gray or color, whole numbers or floats [TIFF 6.0]."""
     height, width = pixels.shape[:2]
     channels = 1 if pixels.ndim == 2 else pixels.shape[2]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -91,7 +92,7 @@ def test_deep_png_keeps_all_bits(channels: int) -> None:
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("deflate", [False, True])
 @pytest.mark.parametrize("channels", [1, 3, 4])
-def test_deep_tiff_keeps_all_bits(order: str, deflate: bool, channels: int) -> None:
+def test_deep_tiff_keeps_all_bits(order: Literal["<", ">"], deflate: bool, channels: int) -> None:
     deep = DEEP[..., 0] if channels == 1 else DEEP[..., :channels]
     pixels = read(tiff(deep, order, deflate=deflate))
     truth = deep if channels == 1 else DEEP[..., :3].mean(axis=2, dtype=np.float32)
@@ -100,7 +101,7 @@ def test_deep_tiff_keeps_all_bits(order: str, deflate: bool, channels: int) -> N
 
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("kind", ["float32", "int16", "int32"])
-def test_tiff_of_floats_and_signed_numbers(order: str, kind: str) -> None:
+def test_tiff_of_floats_and_signed_numbers(order: Literal["<", ">"], kind: str) -> None:
     data = RNG.normal(0, 1000, SHAPE).astype(kind)
     pixels = read(tiff(data, order))
     assert pixels.dtype.isnative

@@ -72,7 +72,10 @@ def test_the_cone_is_cut_by_the_true_places_brightest_first() -> None:
     middle = SkyCoord(center.ra_deg, center.dec_deg, unit="deg")
 
     def inside(some: Stars) -> np.ndarray:
-        return middle.separation(SkyCoord(some.ra_deg, some.dec_deg, unit="deg")).deg <= radius_deg
+        near: np.ndarray = (
+            middle.separation(SkyCoord(some.ra_deg, some.dec_deg, unit="deg")).deg <= radius_deg
+        )
+        return near
 
     nominal = embedded_catalog().cone(center, radius_deg + 0.1, epoch_yr=YEAR, mag_limit=11.0)
     for seed in range(16):

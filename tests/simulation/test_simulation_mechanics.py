@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import astropy.units as u
 import pytest
@@ -391,7 +392,7 @@ def test_start_is_believed(clock, site: Site) -> None:
 
 
 @pytest.mark.parametrize("rates", [{"slew_rate_deg_s": 0.0}, {"acceleration_deg_s2": -1.0}])
-def test_a_mount_that_cannot_move_is_refused(site: Site, rates: dict[str, float]) -> None:
+def test_a_mount_that_cannot_move_is_refused(site: Site, rates: dict[str, Any]) -> None:
     with pytest.raises(BadSettings, match=next(iter(rates))):
         Mechanics(site, NO_AIR, NONE, **rates)
 

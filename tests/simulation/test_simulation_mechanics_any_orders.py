@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -78,7 +79,7 @@ def place_at(mechanics: Mechanics, clock: FastClock, hours_west: float, dec_deg:
     return Apparent(ra_deg % 360.0, dec_deg, clock())
 
 
-def give(mechanics: Mechanics, clock: FastClock, order: tuple) -> None:
+def give(mechanics: Mechanics, clock: FastClock, order: tuple[Any, ...]) -> None:
     what, *how = order
     if what == "slew":
         mechanics.slew(place_at(mechanics, clock, *how))
@@ -92,7 +93,7 @@ def give(mechanics: Mechanics, clock: FastClock, order: tuple) -> None:
         getattr(mechanics, what)(*how)
 
 
-def state(mechanics: Mechanics, utc: datetime) -> tuple:
+def state(mechanics: Mechanics, utc: datetime) -> tuple[Any, ...]:
     return (
         mechanics.reported(utc),
         mechanics.truth(utc),
@@ -110,7 +111,7 @@ def state(mechanics: Mechanics, utc: datetime) -> tuple:
 def test_the_past_never_changes_and_the_future_is_what_comes(machine, course) -> None:
     clock = clock_at_rest()
     mechanics = Mechanics(SITE, Air(930.0), ERRORS, machine=machine, clock=clock)
-    seen: dict[datetime, tuple] = {}
+    seen: dict[datetime, tuple[Any, ...]] = {}
     for order, wait_s in course:
         give(mechanics, clock, order)
         foretold = clock() + timedelta(seconds=wait_s)

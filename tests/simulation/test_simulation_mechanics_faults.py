@@ -243,7 +243,7 @@ def test_without_power_motion_ends_at_once(clock, site: Site) -> None:
     clock.on(5.0)
     assert mechanics.axis_angle("dec") == pytest.approx(stands)
     mechanics.reboot()
-    assert mechanics.axis_angle("dec") == pytest.approx(90.0)  # the counts begin anew
+    assert mechanics.axis_angle("dec") == pytest.approx(90.0)  # the counts begin again
 
 
 def test_marks_align_a_mount_that_a_sync_at_the_pole_turned_over(clock, site: Site) -> None:

@@ -191,7 +191,7 @@ def test_rates_that_a_slew_or_a_flip_loses() -> None:
     slew(mechanics, clock, 0.6)
     assert mechanics.beside_arcsec_s == pytest.approx((0.8, -0.3))
     assert kept(mechanics, clock) == near(0.0, 0.0)
-    mechanics.track_beside(0.8, -0.3)  # ordered anew they hold
+    mechanics.track_beside(0.8, -0.3)  # ordered again they hold
     assert kept(mechanics, clock) == near(0.8, -0.3)
     end()
     slew(mechanics, clock, 0.6)

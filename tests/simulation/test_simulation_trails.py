@@ -32,7 +32,7 @@ def test_a_trail_holds_its_light_and_its_width() -> None:
 
 
 @pytest.mark.parametrize("ends", [(-500.0, 200.0, 1500.0, 200.0), (300.0, -900.0, 300.0, 900.0)])
-def test_what_lies_outside_is_left_out(ends) -> None:
+def test_what_lies_outside_is_left_out(ends: tuple[float, float, float, float]) -> None:
     light = np.zeros((400, 600), dtype=np.float32)
     add_trails(light, [SatelliteTrail(*ends, 100.0)])
     inside = 600 if ends[1] == ends[3] else 400

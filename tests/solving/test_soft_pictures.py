@@ -3,6 +3,7 @@
 import io
 from collections import Counter
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -97,7 +98,8 @@ def found_without_flags(frame, index):
 
 @pytest.mark.long
 def test_no_picture_is_missed_blind_for_its_flags(sky_index):
-    settings, outcomes = SolveSettings(index=sky_index, blind="only"), Counter()
+    settings = SolveSettings(index=sky_index, blind="only")
+    outcomes: Counter[Any] = Counter()
     for number in range(PICTURES):
         file, center, scale = picture(number)
         frame = replace(read_frame(file, name=f"picture {number}"), mid_exposure_utc=TAKEN)

@@ -60,7 +60,7 @@ async def get_health(service: TheService) -> HealthView:
 
 @router.get("/health/live")
 async def get_live() -> LiveView:
-    """Tell that the process lives: for whoever restarts it if it doesn't."""
+    """Tell that the process lives: for what restarts it if it doesn't."""
     return LiveView(version=__version__)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from datetime import datetime
 
 from drivers.ioptron.codec.command_set import CommandSet, Heading
-from drivers.ioptron.codec.frames import digits, model, nothing, order, signed_text, text
+from drivers.ioptron.codec.frames import model, nothing, order, signed_text, text
 from drivers.ioptron.codec.values import (
     STEP_ARCSEC,
     Horizontal,
@@ -22,11 +22,9 @@ from drivers.ioptron.codec.values import (
     custom_rate_from_text,
     dec_to_text,
     firmware_from_text,
-    guide_rates_from_text,
     horizontal_from_text,
     meridian_from_text,
     offset_to_text,
-    park_place_from_text,
     pointing_from_text,
     ra_to_text,
     signed_angle,
@@ -47,17 +45,12 @@ MODEL: Command[str] = Command(b":MountInfo#", "model number", model)
 FIRMWARE: Command[str] = Command(
     b":FW1#", "firmware of main board and hand controller", text((12, 16), firmware_from_text)
 )
-MOTOR_FIRMWARE: Command[str] = Command(
-    b":FW2#", "firmware of the motor boards", text((12, 16), firmware_from_text)
-)
-GUIDE_RATES: Command[tuple[float, float]] = Command(b":AG#", "guide rates", text((4,), guide_rates_from_text))
 MERIDIAN: Command[tuple[bool, int]] = Command(
     b":GMT#", "what it does at the meridian", text((3,), meridian_from_text)
 )
 HORIZONTAL: Command[Horizontal] = Command(
     b":GAC#", "altitude and azimuth", signed_text((18,), horizontal_from_text)
 )
-PARK_PLACE: Command[Horizontal] = Command(b":GPC#", "park position", text((17,), park_place_from_text))
 ALTITUDE_LIMIT: Command[int] = Command(
     b":GAL#", "altitude limit", signed_text((3,), altitude_limit_from_text)
 )
@@ -124,12 +117,8 @@ def set_hemisphere(northern: bool) -> Command[bool]:
 STATUS: Command[Status] = Command(b":GLS#", "site and status", signed_text((23,), status_from_text))
 POINTING: Command[Pointing] = Command(b":GEP#", "where it points", signed_text((20,), pointing_from_text))
 CLOCK: Command[MountClock] = Command(b":GUT#", "clock", signed_text((18,), clock_from_text))
-POSITIONS: Command[int] = Command(
-    b":QAP#", "number of postures that reach the target", text((1,), lambda words: int(digits(words)))
-)
 CUSTOM_RATE: Command[float] = Command(b":GTR#", "custom rate", text((5,), custom_rate_from_text))
 SLEW: Command[bool] = order(b"MS1", "slew to target", repeatable=False)
-SLEW_COUNTERWEIGHT_UP: Command[bool] = order(b"MS2", "slew to target, counterweight up", repeatable=False)
 
 
 def set_ra(ra_deg: float) -> Command[bool]:

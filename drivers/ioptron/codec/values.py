@@ -277,15 +277,6 @@ def horizontal_to_text(place: Horizontal) -> bytes:
     return signed_angle(place.alt_deg) + ra_to_text(place.az_deg)
 
 
-def park_place_from_text(text: bytes) -> Horizontal:
-    """Read `:GPC#`'s 17 digits; raises `Unreadable` where they don't match wholly and in range."""
-    if re.fullmatch(rb"[0-9]{17}", text) is None:
-        raise Unreadable(f"{text!r} is no park position")
-    return Horizontal(
-        angle_from_text(text[:8], 0, 90, "altitude"), angle_from_text(text[8:], 0, 360, "azimuth") % 360.0
-    )
-
-
 def park_place_to_text(place: Horizontal) -> bytes:
     """Write the 17 digits of `:GPC#`."""
     return unsigned_angle(place.alt_deg, 8) + ra_to_text(place.az_deg)

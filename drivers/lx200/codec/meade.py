@@ -121,7 +121,7 @@ LX200GPS = replace(
     state=_gps_state,
     without=_without_alignment,
     # it starts again, from the place it was parked at [LX200 :I#]
-    unpark=(base.quiet(b":I#", "start anew", repeatable=False),),
+    unpark=(base.quiet(b":I#", "start again", repeatable=False),),
     pulse=base.guide_pulse,
     fitted=lambda dialect, handshake: dialect,
     fresh=None,

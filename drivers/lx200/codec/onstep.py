@@ -180,37 +180,6 @@ def guide_rate_from_text(wire: bytes) -> float:
     return float(wire) * SIDEREAL_DEG_S
 
 
-def status_from_bits(wire: bytes) -> Status:
-    """Understand the nine bytes with their high bits set [ONSTEP :Gu#].
-
-    Raises
-    ------
-    Unreadable
-        If it is no such text.
-    """
-    if len(wire) != 9 or any(byte < 0x80 for byte in wire):
-        raise Unreadable(f"{wire!r} are no nine status bytes")
-    bits = [byte & 0x7F for byte in wire]
-    sides = {0x10: PierSide.UNKNOWN, 0x20: PierSide.EAST, 0x40: PierSide.WEST}
-    rates = [TrackingRate.SIDEREAL, TrackingRate.LUNAR, TrackingRate.SOLAR, TrackingRate.KING]
-    if bits[3] & 0x70 not in sides or bits[3] & 0x0F not in (1, 2, 4, 8) or bits[5] > 3 or bits[8] > 15:
-        raise Unreadable(f"{wire!r} is no status")
-    return Status(
-        tracking=not bits[0] & 1,
-        slewing=not bits[0] & 2,
-        parked=bits[5] == 2,
-        parking=bits[5] == 1,
-        park_failed=bits[5] == 3,
-        at_home=bool(bits[2] & 1),
-        homing=bool(bits[2] & 0x20),
-        guiding=bool(bits[0] & 8 or bits[1] & 8),
-        pier_side=sides[bits[3] & 0x70],
-        rate=rates[bits[1] & 3],
-        error=bits[8],
-        equatorial=bits[3] & 0x0F in (1, 2),
-    )
-
-
 def _letter(letters: Mapping[bytes, PierSide]) -> Callable[[bytes], PierSide]:
     def understand(wire: bytes) -> PierSide:
         if wire not in letters:
@@ -269,7 +238,6 @@ def _order(word: bytes, meaning: str) -> Command[Answer]:
 GET_FINE_RA: Command[WireAngle] = Command(b":GRH#", "right ascension", of_text(ra_from_text))
 GET_FINE_DEC: Command[WireAngle] = Command(b":GDH#", "declination", of_text(dec_from_text))
 STATUS: Command[Status] = Command(b":GU#", "status", of_text(status_from_text))
-STATUS_BITS: Command[Status] = Command(b":Gu#", "status bytes", of_text(status_from_bits))
 PIER_SIDE: Command[PierSide] = Command(b":Gm#", "pier side", of_text(_letter(_PIER_LETTER)))
 DESTINATION_SIDE: Command[PierSide] = Command(b":MD#", "destination pier side", _bare_side)
 GUIDE_RATE_DEG_S: Command[float] = Command(b":GX90#", "pulse guide rate", of_text(guide_rate_from_text))

@@ -238,32 +238,6 @@ def set_dec(dec_deg: float, short: bool = False) -> Command[bool]:
     return taken(b":Sd" + degrees_to_fine_text(dec_deg, 1) + b"#", "target declination")
 
 
-def set_pressure(pressure_hpa: float) -> Command[bool]:
-    """Air pressure at the telescope, for its refraction: it moves every place, so only on request.
-
-    Raises
-    ------
-    ValueError
-        If no air on Earth has it.
-    """
-    if not 400.0 <= pressure_hpa <= 1100.0:
-        raise ValueError(f"a pressure of {pressure_hpa} hPa makes no sense")
-    return taken(b":SRPRS%06.1f#" % pressure_hpa, "pressure for refraction")
-
-
-def set_temperature(temperature_c: float) -> Command[bool]:
-    """Temperature of the air, for its refraction: it moves every place, so only on request.
-
-    Raises
-    ------
-    ValueError
-        If no air on Earth has it.
-    """
-    if not -90.0 <= temperature_c <= 60.0:
-        raise ValueError(f"a temperature of {temperature_c} °C makes no sense")
-    return taken(b":SRTMP%+06.1f#" % temperature_c, "temperature for refraction")
-
-
 def pulse(direction: Direction, duration_ms: int) -> Command[None]:
     """Order a guide pulse that the mount times [10MICRON :Mg#].
 
@@ -276,74 +250,6 @@ def pulse(direction: Direction, duration_ms: int) -> Command[None]:
         raise ValueError(f"a pulse of {duration_ms} ms can't be ordered")
     word = b":Mg%s%04d#" % (direction.value.encode(), duration_ms)
     return Command(word, f"pulse {direction.name.lower()}", nothing, False, False)
-
-
-def _valid(wire: bytes) -> bool:
-    if wire not in (b"V", b"E"):
-        raise Unreadable(f"{wire!r} is neither V nor E")
-    return wire == b"V"
-
-
-def _points(wire: bytes) -> int | None:
-    if wire == b"E":
-        return None
-    if re.fullmatch(rb"\d{1,3}", wire) is None:
-        raise Unreadable(f"{wire!r} is no number of points")
-    return int(wire)
-
-
-BEGIN_MODEL: Command[bool] = Command(b":newalig#", "begin of a model", of_text(_valid), False)
-END_MODEL: Command[bool] = Command(b":endalig#", "end of a model", of_text(_valid), False)
-
-
-@dataclass(frozen=True, slots=True)
-class ModelPoint:
-    """One place where the mount believed to point, and where it was seen to point.
-
-    Attributes
-    ----------
-    mount_ra_deg, mount_dec_deg : float
-        As it reported, of date.
-    pier_side : PierSide
-        East or west.
-    seen_ra_deg, seen_dec_deg : float
-        As solved, of date.
-    sidereal_deg : float
-        Local sidereal time of the frame.
-    """
-
-    mount_ra_deg: float
-    mount_dec_deg: float
-    pier_side: PierSide
-    seen_ra_deg: float
-    seen_dec_deg: float
-    sidereal_deg: float
-
-
-def add_to_model(point: ModelPoint) -> Command[int | None]:
-    """Add a point to a model begun; answers how many it has now, or None when it refused the point.
-
-    Raises
-    ------
-    ValueError
-        If the side of the pier isn't known.
-    """
-    if point.pier_side not in (PierSide.EAST, PierSide.WEST):
-        raise ValueError("a point of a model needs its side of the pier")
-    side = b"E" if point.pier_side is PierSide.EAST else b"W"
-
-    def dec(deg: float) -> bytes:
-        return degrees_to_fine_text(deg, 1, separator=b":")
-
-    fields = (
-        ra_to_fine_text(point.mount_ra_deg, 2),
-        dec(point.mount_dec_deg),
-        side,
-        ra_to_fine_text(point.seen_ra_deg, 2),
-        dec(point.seen_dec_deg),
-        ra_to_fine_text(point.sidereal_deg, 2),
-    )
-    return Command(b":newalpt" + b",".join(fields) + b"#", "point of a model", of_text(_points), False)
 
 
 _FIRST_WITH_INFO = (2, 14, 9)

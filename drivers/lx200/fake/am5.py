@@ -71,7 +71,7 @@ class Am5Speaker:
     def _wake(self, *, clock_set: bool) -> None:
         self.settings.date_set = self.settings.time_set = clock_set
         self.target_ra_deg = self.target_dec_deg = 0.0
-        self.going = self.first_goto = False
+        self.going = False
         self._move_rate = 9
 
     def reboot(self) -> None:

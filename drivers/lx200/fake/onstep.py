@@ -180,7 +180,7 @@ class OnStepMotion:
         if (self.going or self.moved) and not self._mechanics.slewing():
             if self.going and self._mechanics.at_home:
                 self._first_goto = True
-                # at home it begins anew [ONSTEP Home::reset]
+                # at home it begins again [ONSTEP Home::reset]
                 self.follow(TrackingRate.SIDEREAL)
                 self._offsets = {"R": 0.0, "D": 0.0}
                 self._retrack()

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import cast
 
 from drivers.lx200.codec.angles import dec_from_text, degrees_to_fine_text, ra_from_text, ra_to_fine_text
-from drivers.lx200.codec.tenmicron import ModelPoint, MountStatus
+from drivers.lx200.codec.tenmicron import MountStatus
 from drivers.lx200.fake.dialect import FakeDialect
 from drivers.lx200.fake.site_and_time import Settings
 from drivers.wire.command import Unreadable
@@ -29,6 +29,30 @@ MOST_POINTS = 100
 FEWEST_POINTS = 3
 """Fewer stars make no model [10MICRON]."""
 _SIDES_OF_POINTS = {b"E": PierSide.EAST, b"W": PierSide.WEST}
+
+
+@dataclass(frozen=True, slots=True)
+class ModelPoint:
+    """One place where the mount believed to point, and where it was seen to point.
+
+    Attributes
+    ----------
+    mount_ra_deg, mount_dec_deg : float
+        As it reported, of date.
+    pier_side : PierSide
+        East or west.
+    seen_ra_deg, seen_dec_deg : float
+        As solved, of date.
+    sidereal_deg : float
+        Local sidereal time of the frame.
+    """
+
+    mount_ra_deg: float
+    mount_dec_deg: float
+    pier_side: PierSide
+    seen_ra_deg: float
+    seen_dec_deg: float
+    sidereal_deg: float
 
 
 def point_from_text(wire: bytes) -> ModelPoint:

@@ -43,7 +43,6 @@ SYNSCAN_MODEL: Command[int] = Command(b"m", "model", replies.swapped_number)
 GET_SITE: Command[WireSite] = Command(b"w", "site", replies.packed(8, site_from_bytes))
 GET_TIME: Command[WireTime] = Command(b"h", "time", replies.packed(8, time_from_bytes))
 GET_FINE_TIME: Command[WireTime] = Command(b"i", "time", replies.packed(8, fine_time_from_bytes))
-CANCEL: Command[None] = Command(b"M", "cancel goto", replies.packed(0, replies.done))
 _HALT = fixed_rate(Axis.RA, 0).to_bytes() + fixed_rate(Axis.DEC, 0).to_bytes()
 """Both axes at the fixed rate 0, which ends what the keys began [NexStar P]."""
 

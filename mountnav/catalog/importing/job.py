@@ -321,7 +321,7 @@ class _Import:
         if earlier is None and spool.done:
             why = "it isn't known what the parts that are in were made of"
         if why is not None:
-            self._note(f"beginning anew: {why}")
+            self._note(f"beginning again: {why}")
             if spool.done:
                 spool.discard()
                 spool = Spool.open(folder, facts)

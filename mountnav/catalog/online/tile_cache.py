@@ -7,7 +7,7 @@
         <pixel>-<hash>.mnc    its stars, packed; none if it has none
 
 The record names the file of stars by its hash and is renamed into place last. So processes that fetch the
-same tile at the same time do double work and no harm: whoever comes last wins, with a file of its own, and
+same tile at the same time do double work and no harm: the last one wins, with a file of its own, and
 removes the others'. Only that last step, renaming and removing, takes a lock.
 """
 

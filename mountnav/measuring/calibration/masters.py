@@ -188,7 +188,7 @@ def read_master(path: Path) -> Master | None:
             raise BadFrame(
                 f"this has a master's name, and can't be read: {fault}",
                 device=str(path),
-                advice="build it anew, or take it out of the folder",
+                advice="build it again, or take it out of the folder",
             ) from fault
     if "MNMASTER" not in cards:
         return None

@@ -148,7 +148,7 @@ def open_raw(path: Path, scratch: Path) -> RawFile:
     ----------
     path : Path
     scratch : Path
-        An existing folder for unpacked copies; whoever made it removes it.
+        An existing folder for unpacked copies; its maker removes it.
 
     Returns
     -------

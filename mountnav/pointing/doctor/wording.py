@@ -266,7 +266,7 @@ def side_finding(case: Case) -> Finding | None:
         return None
     against = max(1.0 - check.probability_wrong, 1e-12)
     ids = tuple(case.facts.look_ids[one] for one in check.looks)
-    advice = "limits and flips rest on it: stop, look where the tube hangs, then home or unpark anew"
+    advice = "limits and flips rest on it: stop, look where the tube hangs, then home or unpark again"
     if check.swapped:
         words = "the sides are reported the wrong way round: the tube hangs east where the mount says west."
         return Finding(Illness.PIER_SIDE, 1.0 - against, 1.0 / against, {}, words, advice, (), ids)

@@ -61,7 +61,7 @@ hundred passes of a satellite. Doubled, an order may keep the service waiting tw
 _ROUNDS = 6
 """So often the looks are made finer: each time as fine as they have to be by what is known."""
 _SCENE_S = 600.0
-"""Sun and Moon are found anew after so long, s: their mean motions in the hour angle miss the Moon by up to
+"""Sun and Moon are found again after so long, s: their mean motions in the hour angle miss the Moon by up to
 0.04° in it. Doubled, by twice as much."""
 _EXACT_S = 0.5
 """Instants of a forecast are found to this, s. Doubled, they may be a second off."""

@@ -27,7 +27,7 @@ sky is seen by any amount: 50″ of refraction turn the hour angle by 16° at 3�
 AT_POLE_DEG = 30.0 / 3600.0
 """Nearer to the pole than this a place tells nothing of the hour angle axis: its steps are up to 20″."""
 OF_BODIES = (LimitKind.SUN, LimitKind.MOON, LimitKind.DAYLIGHT)
-"""Tracking doesn't lead out of these: whoever is in them is so at once."""
+"""Tracking doesn't lead out of these: what is in them is so at once."""
 
 
 @dataclass(frozen=True, slots=True)

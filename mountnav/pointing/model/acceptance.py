@@ -64,7 +64,7 @@ class Judgement:
     new_loo_arcsec, old_loo_arcsec : float
         Leave-one-out RMS (`left_out`), the new one that of the fit; the old model's geometry is as it is.
     new_held_out_arcsec, old_held_out_arcsec : float or None
-        RMS of visits of targets that had no part in fits with terms chosen anew.
+        RMS of visits of targets that had no part in fits with terms chosen again.
     held_out : int
         How many of these could be predicted.
     better_chance : float

@@ -390,7 +390,7 @@ class ModelInForce:
     def _model_covariance(self, lon: float, lat: float) -> Array:
         """Of the model's geometry on the sky at axis angles, zero points apart; shape (2, 2), arcsec².
 
-        The zero points were fitted with it and are told anew by each segment's looks: what remains is the
+        The zero points were fitted with it and are told again by each segment's looks: what remains is the
         error of the geometry for fixed zero points.
         """
         names = self._model.geometry_terms

@@ -1,4 +1,4 @@
-"""Robust fitting: which points count, and how much; gross errors don't, whoever made them.
+"""Robust fitting: which points count, and how much; gross errors don't, no matter who made them.
 
 Absolute distances first (they start anywhere), then Tukey's biweight on the on-sky distance, c = 4.685, with
 the scale median/1.1774 of a Rayleigh distribution [POINTING §6]; what it gives no weight is left out, and the

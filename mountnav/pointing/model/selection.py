@@ -190,7 +190,7 @@ class _Search:
         return robust_fit(self.m, names, start=start, biweight_steps=1, plain_steps=2)
 
     def take(self, fit: RobustFit, term: str, added: bool) -> None:
-        """Go over to this fit; which points count was judged anew."""
+        """Go over to this fit; which points count was judged again."""
         self.fit = fit
         self.trial = self._look(self.fit)
         self.steps.append(SelectionStep(term, added, loo_arcsec(self.m, fit)))

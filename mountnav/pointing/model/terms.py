@@ -143,7 +143,7 @@ ALTAZ = {
 """Terms of alt-azimuth mounts, harmonics apart."""
 
 ZERO_POINTS: dict[Kind, tuple[str, str]] = {"equatorial": ("IH", "ID"), "altaz": ("IA", "IE")}
-"""What each sync sets anew."""
+"""What each sync sets again."""
 
 CORE: dict[Kind, tuple[str, ...]] = {
     "equatorial": ("ME", "MA", "CH", "TF"),

@@ -29,7 +29,7 @@ from mountnav.pointing.model.mechanical import Mechanical
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.model.rigorous import direction, wrapped
 from mountnav.pointing.model.terms import ALTAZ, EQUATORIAL, ZERO_POINTS, Array, Kind, term
-from mountnav.units import DEG_PER_HOUR, sexagesimal_text
+from mountnav.units import DEG_PER_HOUR
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.\d*|\.\d+|\d+)")
 _COEFFICIENT = re.compile(r"\s*([=&]*)\s*([A-Z][A-Z0-9]*)\s+(\S+)(?:\s+(\S+))?\s*")
@@ -113,16 +113,6 @@ def _checked(kind: Kind, latitude_deg: float, rows: list[list[float]], name: str
     return _observations(kind, latitude_deg, angles_deg)
 
 
-def write_pmfit(m: Mechanical, caption: str) -> str:
-    """Write observations in PMFIT's format; segments and errors have no place in it."""
-    lon, lat = m.seen_angles
-    rows = np.degrees(np.stack([lon, lat, m.read_lon_rad, m.read_lat_rad], axis=1))
-    lines = [caption.replace("\n", " ") or "mountnav", "E" if m.kind == "equatorial" else "A"]
-    lines.append(f"{math.degrees(m.site_latitude_rad):+.6f}")
-    lines += [f"{a:11.6f} {b:+11.6f} {c:11.6f} {d:+11.6f}" for a, b, c, d in rows]
-    return "\n".join(lines) + "\n"
-
-
 def _sexagesimal(parts: list[str]) -> float:
     """Degrees or hours of a signed triple; the sign of -0 counts."""
     whole, minutes, seconds = parts
@@ -172,27 +162,6 @@ def _tpoint(lines: list[str], name: str) -> Mechanical:
     if latitude_deg is None:
         raise BadRequest(f"{name} tells no latitude")
     return _checked("equatorial", latitude_deg, rows, name)
-
-
-def write_tpoint_observations(m: Mechanical, caption: str) -> str:
-    """Write observations of an equatorial mount in TPOINT's format, as if at sidereal time 0.
-
-    Raises
-    ------
-    BadRequest
-        The mount is alt-azimuth: use PMFIT's format.
-    """
-    if m.kind != "equatorial":
-        raise BadRequest("observations of alt-azimuth mounts are written in PMFIT's format only")
-    lon, lat = (np.degrees(one) for one in m.seen_angles)
-    read_lon, read_lat = np.degrees(m.read_lon_rad), np.degrees(m.read_lat_rad)
-    lines = [caption.replace("\n", " ") or "mountnav", ":EQUAT", ":NODA"]
-    lines.append(sexagesimal_text(math.degrees(m.site_latitude_rad), 2, plus="+"))
-    for h, d, rh, rd in zip(lon, lat, read_lon, read_lat, strict=True):
-        star = f"{sexagesimal_text(-h % 360.0 / DEG_PER_HOUR, 4)} {sexagesimal_text(d, 3, plus='+')}"
-        telescope = f"{sexagesimal_text(-rh % 360.0 / DEG_PER_HOUR, 4)} {sexagesimal_text(rd, 3, plus='+')}"
-        lines.append(f"{star}  {telescope}  00 00 00.00")
-    return "\n".join([*lines, "END"]) + "\n"
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 import stat
 from pathlib import Path
@@ -179,3 +181,39 @@ def test_the_command_line_takes_the_settings_file(path: Path, tmp_path: Path, ob
     made = CliRunner().invoke(key_app, ["new", "eye", "--role", "view", "--config", str(config)])
     assert made.exit_code == 0
     assert [key.name for key in KeyStore(path).keys] == ["eye"]
+
+
+def test_a_file_that_can_t_be_reached_or_is_none_of_ours_lets_nobody_in(path: Path) -> None:
+    store = KeyStore(path)
+    _, secret = store.new("only", Role.CONFIGURE)
+    with path.open("ab") as file:
+        file.truncate(1 << 32)  # sparse: it takes no place
+    assert (store.guards, store.find(secret)) == (True, None)
+    assert "none of ours" in str(store.problem)
+    # it may be there, but a file stands in the place of its folder
+    path.unlink()
+    for left in path.parent.iterdir():
+        left.unlink()
+    path.parent.rmdir()
+    path.parent.write_text("")
+    assert (store.guards, store.find(secret)) == (True, None)
+    assert store.problem is not None
+    assert any("lets nobody in" in concern for concern in store.concerns())
+
+
+def test_a_disk_without_room_changes_no_key(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = KeyStore(path)
+    _, secret = store.new("only", Role.CONFIGURE)
+    before, names = path.read_bytes(), sorted(one.name for one in path.parent.iterdir())
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(BadSettings, match="can't be written"):
+        store.new("other", Role.VIEW)
+    with pytest.raises(BadSettings, match="can't be written"):
+        store.revoke("only")
+    assert store.find(secret) is not None
+    assert path.read_bytes() == before
+    assert sorted(one.name for one in path.parent.iterdir()) == names

@@ -152,7 +152,7 @@ async def test_strangers_from_many_addresses_do_not_fill_the_journal(clock: Cloc
     def nobody(_: object) -> Caller:
         raise Refused(problem("unauthorized", 401, "no key came with the request"))
 
-    audited = AuditedRequests(app, lambda: audit, nobody, clock_s=clock)  # type: ignore[arg-type]
+    audited = AuditedRequests(app, lambda: audit, nobody, clock_s=clock)
     for number in range(5000):
         scope = {"type": "http", "method": "POST", "path": "/v1/stop", "client": (f"2001:db8::{number:x}", 1)}
         await audited(scope, nowhere, nowhere)  # type: ignore[arg-type]

@@ -129,6 +129,10 @@ class Standing:
         """How many slews it was sent since then."""
         return self.moving_words(since).count(b":MS#")
 
+    async def on_its_way(self, since: int, what: str = "on its way") -> None:
+        """Wait until it was sent its one slew since then."""
+        await until(lambda: self.gotos(since) == 1, what)
+
     @contextmanager
     def silent_wire(self) -> Iterator[None]:
         """Nothing that moves may be on the wire within."""

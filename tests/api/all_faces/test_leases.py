@@ -53,11 +53,11 @@ async def test_strangers_are_refused_by_every_face_and_the_wire_is_silent() -> N
             assert wrong.status_code == 409, wrong.text
         assert all(job.state == "failed" for job in stand.service.jobs.all()), stand.service.jobs.all()
         # the holder's own order goes through, by whatever face it can show the lease
-        body = {"ra_deg": place.ra_deg, "dec_deg": place.dec_deg, "frame": "jnow-apparent"}
+        target: dict[str, Any] = {"ra_deg": place.ra_deg, "dec_deg": place.dec_deg, "frame": "jnow-apparent"}
         mark = stand.mark()
-        taken = await by["rest"].post("/slew", body, **secret)
+        taken = await by["rest"].post("/slew", target, **secret)
         assert taken.status_code == 202, taken.text
-        await until(lambda: stand.gotos(mark) == 1, "on its way")
+        await stand.on_its_way(mark)
 
 
 @pytest.mark.long
@@ -68,10 +68,14 @@ async def test_a_stop_is_taken_from_strangers_by_every_face() -> None:
             stand.mechanics.slew_rate_deg_s = 1.0
             mark = stand.mark()
             place = up_now(-30.0, 30.0)
-            body = {"ra_deg": place.ra_deg, "dec_deg": place.dec_deg, "frame": "jnow-apparent"}
-            started = await by["rest"].post("/slew", body, **secret)
+            target: dict[str, Any] = {
+                "ra_deg": place.ra_deg,
+                "dec_deg": place.dec_deg,
+                "frame": "jnow-apparent",
+            }
+            started = await by["rest"].post("/slew", target, **secret)
             assert started.status_code == 202, (face, started.text)
-            await until(lambda mark=mark: stand.gotos(mark) == 1, "on its way")
+            await stand.on_its_way(mark)
             assert (await by[face].stop()).taken is not False, face
             await stand.idle()
             assert stand.moving_words(mark)[-1] == b":Q#", (face, stand.moving_words(mark))
@@ -130,6 +134,6 @@ async def test_the_holder_s_orders_go_by_alpaca_too() -> None:
         assert refused.json()["ErrorNumber"] == 0x40B, refused.text
         taken = await by["rest"].http.put(path, data=form, headers=secret)
         assert taken.json()["ErrorNumber"] == 0, taken.text
-        await until(lambda: stand.gotos(mark) == 1, "on its way")
+        await stand.on_its_way(mark)
         released = await by["rest"].http.delete(f"{EAST}/lease", headers=secret)
         assert released.status_code == 200

@@ -42,7 +42,7 @@ async def _pulled(bench: FakeOnTcp, toml: str) -> None:
         stand.mechanics.slew_rate_deg_s = 1.0
         mark = stand.mark()
         assert (await by["indi"].goto(up_now(-30.0, 20.0))).taken
-        await until(lambda: stand.gotos(mark) == 1, "on its way")
+        await stand.on_its_way(mark)
         job = stand.service.jobs.running_on("east")
         assert job is not None
         stand.bench.vanish()
@@ -115,7 +115,7 @@ async def test_a_stop_into_silence_is_never_said_to_have_arrived() -> None:
         stand.mechanics.slew_rate_deg_s = 1.0
         mark = stand.mark()
         assert (await by["rest"].goto(up_now(-30.0, 20.0))).taken
-        await until(lambda: stand.gotos(mark) == 1, "on its way")
+        await stand.on_its_way(mark)
         stand.fake.add_fault(Fault("silence", for_s=SILENT_S))
         after = stand.mark()
         told = await by["rest"].stop()

@@ -96,9 +96,9 @@ async def test_rest_takes_no_nonsense() -> None:
                 assert 400 <= answer.status_code < 500, (path, body[:60], answer.text[:300])
                 assert answer.headers["content-type"] == "application/problem+json", (path, body[:60])
         for headers in ({"Idempotency-Key": "k" * 5000}, {"Mountnav-Lease": "\xe9" * 300}):
-            body = {"ra_deg": 10.0, "dec_deg": 60.0}
+            place = {"ra_deg": 10.0, "dec_deg": 60.0}
             raw = {name: value.encode("latin-1") for name, value in headers.items()}
-            answer = await http.post(f"{EAST}/slew", json=body, headers=raw)
+            answer = await http.post(f"{EAST}/slew", json=place, headers=raw)
             assert 400 <= answer.status_code < 500, answer.text[:300]
         for wait in ("NaN", "inf", "-1", "1e9", "x"):
             answer = await http.get("/v1/jobs/nothing", params={"wait": wait})
@@ -231,7 +231,7 @@ async def test_clients_that_hang_hold_nobody_up() -> None:
             mark = stand.mark()
             told = await by[face].goto(up_now(-30.0, 30.0))
             assert told.taken, (face, told)
-            await until(lambda mark=mark: stand.gotos(mark) == 1, "on its way")
+            await stand.on_its_way(mark)
             assert (await by[face].stop()).taken is not False, face
             await stand.idle()
 

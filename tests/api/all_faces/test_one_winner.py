@@ -18,7 +18,7 @@ async def test_who_holds_it_is_disturbed_by_nobody() -> None:
             mark = stand.mark()
             told = await by[holder].goto(up_now(-30.0, 30.0))
             assert told.taken is not False, (holder, told)
-            await until(lambda mark=mark: stand.gotos(mark) == 1, f"{holder}'s goto on the wire")
+            await stand.on_its_way(mark, f"{holder}'s goto on the wire")
             job = stand.service.jobs.running_on("east")
             with stand.silent_wire():
                 for other in FACES:
@@ -52,7 +52,7 @@ async def test_five_at_once_and_one_goes() -> None:
                     strict=True,
                 )
             )
-            await until(lambda mark=mark: stand.gotos(mark) >= 1, "on its way")
+            await stand.on_its_way(mark)
             taken = [face for face, one in told.items() if one.taken]
             assert len(taken) <= 1, told
             assert all(one.words for one in told.values() if one.taken is False), told

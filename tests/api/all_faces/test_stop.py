@@ -212,7 +212,7 @@ async def test_every_face_stops_every_kind_of_job(kind: str) -> None:
         for face in STOPS:
             await stop_it(stand, by, face, kind)
             if stand.mechanics.parked or stand.mechanics.at_home or not stand.mechanics.tracking:
-                stand.mechanics.parked = False
+                stand.mechanics.unpark()
                 stand.mechanics.tracking = True
             # a slow answer to a word of before must not be taken for the next one's
             await stand.idle()

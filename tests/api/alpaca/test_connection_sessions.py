@@ -186,7 +186,7 @@ async def test_who_gives_up_while_the_mount_is_opened_is_not_connected_after_all
     opened.set()
     await _ended(connecting)
     assert connected == [other]
-    # and may begin anew
+    # and may begin again
     connecting.begin(one)
     await _ended(connecting)
     assert connected == [other, one]

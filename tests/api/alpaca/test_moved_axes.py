@@ -34,7 +34,7 @@ async def german(short: Running) -> AlpacaProbe:
 async def speed(german: AlpacaProbe, axis: int = 1) -> float:
     """The fastest that an axis is said to have, no more than 1 deg/s."""
     spans = await german.get("axisrates", Axis=axis)
-    return max(span["Maximum"] for span in spans if span["Maximum"] <= 1.0)
+    return max(float(span["Maximum"]) for span in spans if span["Maximum"] <= 1.0)
 
 
 async def test_what_can_be_moved_is_told_in_the_standards_form(german: AlpacaProbe) -> None:

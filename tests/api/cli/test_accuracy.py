@@ -217,7 +217,8 @@ def strewn(n: int) -> Deviations:
     rng = np.random.default_rng(2)
     mag = np.where(np.arange(n) % 7 == 0, np.nan, rng.normal(0.0, 0.1, n))
     x, y = rng.uniform(0, 399, n), rng.uniform(0, 299, n)
-    return Deviations(*rng.normal(0.0, 0.3, (2, n)), mag, x, y, *rng.normal(0.0, 0.3, (2, n)))
+    columns: list[Any] = [*rng.normal(0.0, 0.3, (2, n)), mag, x, y, *rng.normal(0.0, 0.3, (2, n))]
+    return Deviations(*columns)
 
 
 @pytest.mark.long
@@ -227,7 +228,8 @@ def test_histograms_hold_every_measurement() -> None:
     found = strewn(500)
     panels = histograms(found, frames=3).axes
     for axes, number in zip(panels, (500, 500, 428), strict=True):
-        drawn = sum(bar.get_height() for bar in axes.patches)
+        bars: list[Any] = list(axes.patches)
+        drawn = sum(bar.get_height() for bar in bars)
         told = next(text.get_text() for text in axes.texts).splitlines()
         outside = int(told[2].split()[0]) if len(told) > 2 else 0
         assert drawn + outside == number

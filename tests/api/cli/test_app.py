@@ -95,10 +95,12 @@ def test_solve_prints_one_object_a_file_in_order_and_does_the_others_too(
     no_image.write_text("these are my notes")
     truncated = tmp_path / "truncated.fits"
     truncated.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    files = [no_image, path, truncated, tmp_path / "none.fits"]
+    files: list[str | Path] = [no_image, path, truncated, tmp_path / "none.fits"]
     hint = truth["hint"]
     done = _run(
-        *("solve", "--json", *files),
+        "solve",
+        "--json",
+        *files,
         *(
             "--ra",
             str(hint["ra"]),

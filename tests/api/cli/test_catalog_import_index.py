@@ -73,7 +73,12 @@ def test_the_progress_is_shown_on_stderr_alone(
     catalog: PackedStore, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown: list[bool] = []
-    monkeypatch.setattr(Console, "show_cursor", lambda self, show=True: shown.append(self.stderr) or True)
+
+    def show_cursor(console: Console, show: bool = True) -> bool:
+        shown.append(console.stderr)
+        return True
+
+    monkeypatch.setattr(Console, "show_cursor", show_cursor)
     monkeypatch.setenv("FORCE_COLOR", "1")
     catalog_import.index(force=False, as_json=True)
     out = capsys.readouterr()

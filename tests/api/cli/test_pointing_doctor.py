@@ -140,6 +140,7 @@ async def test_a_journal_knows_its_syncs_and_slews(tmp_path: Path) -> None:
         journal.close()
     found = read_looks(str(path), telescope="t", latitude=48.93, longitude=22.27)
     assert [each.look_id for each in found.observations] == ["l1", "l2", "l3", "l4"]
+    assert found.synced_on is not None
     (synced,) = found.synced_on
     assert synced.segment_id == "s1"
     assert separation_arcsec(synced.seen, one.looks[0].seen) < 0.01

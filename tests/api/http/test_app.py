@@ -234,7 +234,7 @@ async def test_a_token_is_asked_for_and_taken_two_ways(serving: Serve, observato
     async with serving(toml) as client:
         for headers in ({}, {"X-API-Key": "wrong"}, {"Authorization": "Bearer wrong"}, {"X-API-Key": "é"}):
             for method, path in (("GET", EAST), ("POST", f"{EAST}/stop"), ("GET", "/v1/events")):
-                encoded = {name: value.encode() for name, value in headers.items()}
+                encoded = {name.encode(): value.encode() for name, value in headers.items()}
                 answer = await client.request(method, path, headers=encoded)
                 assert (answer.status_code, _slug(answer)) == (401, "unauthorized")
                 assert answer.headers["www-authenticate"].startswith("Bearer")

@@ -182,11 +182,11 @@ async def _behind(
 
     config = uvicorn.Config(
         noted,
-        http=gate.protocol(),
+        http=gate.protocol(),  # type: ignore[arg-type]
         ws="none",
         lifespan="off",
         log_level="error",
-        backlog=16,  # type: ignore[arg-type]
+        backlog=16,
     )
     server = uvicorn.Server(config)
     with bind("127.0.0.1", 0) as listener:

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -35,7 +36,8 @@ class _Waits:
 
 
 async def test_one_piece_in_each_turn_and_stops_first() -> None:
-    turns, read, turn = ReadingTurns(), [], [0]
+    turns, turn = ReadingTurns(), [0]
+    read: list[Any] = []
 
     async def clock() -> None:
         while True:
@@ -185,7 +187,7 @@ ATTACKS = {
 
 @contextmanager
 def _flood(where: tuple[str, int], data: bytes, *, clients: int) -> Iterator[None]:
-    """So many connections, each made anew when it is closed, that send this over and over."""
+    """So many connections, each made again when it is closed, that send this over and over."""
     over = threading.Event()
 
     def attack(number: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from fastapi import FastAPI
@@ -88,7 +89,8 @@ async def _head_of(app: FastAPI, method: str, path: str, headers: dict[str, str]
         "state": {},
     }
     asked = asyncio.create_task(app(scope, receive, send))
-    await asyncio.wait({asked, head}, return_when=asyncio.FIRST_COMPLETED, timeout=60)
+    waited: set[Any] = {asked, head}
+    await asyncio.wait(waited, return_when=asyncio.FIRST_COMPLETED, timeout=60)
     assert head.done(), (method, path, asked)
     asked.cancel()
     await asyncio.gather(asked, return_exceptions=True)

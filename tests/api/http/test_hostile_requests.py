@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from contextlib import closing
+from typing import Any
 from urllib.parse import unquote
 
 import pytest
@@ -123,7 +124,7 @@ async def test_a_stop_whose_address_names_its_host_counts(form: bytes) -> None:
     ],
 )
 def test_the_host_in_an_address_is_the_one_that_counts(target: str, path: str, host: bytes) -> None:
-    scope = {
+    scope: dict[str, Any] = {
         "raw_path": target.encode(),
         "path": unquote(target),
         "headers": [(b"host", b"h"), (b"a", b"b")],

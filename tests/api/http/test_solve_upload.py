@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager
 from datetime import UTC, datetime
 
@@ -125,7 +125,7 @@ async def test_bad_forms_are_told(client: httpx.AsyncClient) -> None:
 async def test_too_large_uploads_are_refused(serving: Serve, observatory_toml: str) -> None:
     toml = observatory_toml.replace("[service]", "[service]\nmax_upload_mb = 0.01")
 
-    async def in_pieces() -> object:
+    async def in_pieces() -> AsyncIterator[bytes]:
         for _ in range(20):
             yield b"x" * 1000
 

@@ -70,7 +70,7 @@ async def test_a_frozen_mount_holds_up_nobodys_stop(observatory_toml: str, deaf:
             assert by_id["frozen"]["stopped"] is None
             assert "not known yet" in by_id["frozen"]["problem"]
         async with asyncio.timeout(60):
-            async for event in service.events.follow(0):
+            async for event in service.events.follow():
                 if event.kind == "stop-settled":
                     break
         assert event.data["telescope"] == "frozen"

@@ -151,7 +151,7 @@ async def test_a_sync_of_one_client_is_no_sync_of_another(rig: Rig) -> None:
         assert service.jobs.all()[0].kind == "sync-to"
         assert apart_arcsec(mechanics_of(service).reported(utc_now()), aside) < 5.0
         await ekos.until(lambda: ekos.now("ON_COORD_SET").values["TRACK"] is True, "back to TRACK")
-        # the next coordinates after a sync are a goto, though the client selected nothing anew
+        # the next coordinates after a sync are a goto, though the client selected nothing again
         await ekos.say(coordinates(beside(service, 0.1)))
         await until(lambda: len(service.jobs.all()) == jobs + 3, "ordered")
         assert service.jobs.all()[0].kind == "slew"
@@ -358,7 +358,7 @@ async def test_a_mount_that_is_not_there_says_why(rig: Rig) -> None:
         await raw.say(messages.get_properties("gone"))
         await raw.until(lambda: bool(raw.told("CONNECTION", device="gone")), "told")
         await raw.say(switch("CONNECTION", "CONNECT", "gone"))
-        # the next change of the device may tell it anew, in the same breath
+        # the next change of the device may tell it again, in the same breath
         await raw.until(lambda: State.ALERT in raw.states("CONNECTION", device="gone"), "refused")
         assert any("there-is-no-such-port" in words for words in raw.words())
         assert raw.now("CONNECTION", device="gone").values["CONNECT"] is False

@@ -171,9 +171,9 @@ async def test_a_lease_that_is_over_is_not_shown_in_vain(house: House) -> None:
     _, secret = await house.leases.take(ROBOT, "east", ttl_s=30.0)
     house.leases.release(holding(ROBOT, secret), "east")
     house.leases.require(GUEST, "east")
-    for act in (house.leases.require, house.leases.heartbeat, house.leases.release):
+    for give in (house.leases.require, house.leases.heartbeat, house.leases.release):
         with pytest.raises(Refused) as refused:
-            act(holding(ROBOT, secret), "east")
+            give(holding(ROBOT, secret), "east")
         assert slug_of(refused) == "lease-lost"
 
 
@@ -203,9 +203,9 @@ async def test_force_is_for_those_who_configure_and_ends_the_others_lease(house:
     _, chiefs = await house.leases.take(CHIEF, "east", ttl_s=30.0, force=True)
     house.leases.require(holding(CHIEF, chiefs), "east")
     # whoever was robbed is told so by whatever it does: it is not to wait for its turn and go on
-    for act in (house.leases.require, house.leases.heartbeat, house.leases.release):
+    for give in (house.leases.require, house.leases.heartbeat, house.leases.release):
         with pytest.raises(Refused, match="chief holds the telescope") as refused:
-            act(holding(ROBOT, robots), "east")
+            give(holding(ROBOT, robots), "east")
         assert slug_of(refused) == "lease-lost"
         assert not refused.value.problem.retryable
     assert house.kinds() == ["lease-taken", "lease-broken", "lease-taken"]

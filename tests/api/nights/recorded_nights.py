@@ -124,7 +124,7 @@ class ServedNight:
         self.drawn += 1
         return await asyncio.to_thread(self._drawn, middle, self.drawn)
 
-    async def uploaded(self, **params: object) -> dict[str, Any]:
+    async def uploaded(self, **params: str | float) -> dict[str, Any]:
         """Send a frame, and wait for what comes of it."""
         found = await self.client.post(
             "/v1/telescopes/east/frames",
@@ -288,7 +288,7 @@ async def _door(app: FastAPI, way: Way) -> AsyncIterator[str]:
         return
     # the app has begun already: the server must not begin it once more
     server = uvicorn.Server(uvicorn.Config(app, port=0, lifespan="off", log_level="error"))
-    server.install_signal_handlers = lambda: None  # type: ignore[method-assign,attr-defined]
+    server.install_signal_handlers = lambda: None  # type: ignore[attr-defined]
     serving = asyncio.create_task(server.serve())
     try:
         while not server.started:

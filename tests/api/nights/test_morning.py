@@ -137,7 +137,7 @@ async def test_what_may_pass_is_tried_again_and_what_may_not_is_told(
     sender = posts(journal, webhook)
     await asyncio.gather(*await sender.due(MORNING))
     assert (len(hook.came), sender.failed) == (4, {})
-    # a wrong address, or one that leads elsewhere, is no matter of patience; the next night is tried anew
+    # a wrong address, or one that leads elsewhere, is no matter of patience; the next night is tried again
     for answer in ("404 Not Found", "302 Found"):
         hook.came.clear()
         hook.answers = [answer]

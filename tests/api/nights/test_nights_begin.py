@@ -42,7 +42,7 @@ async def test_what_a_night_remembers_is_read_once_more_when_it_could_not_be(tmp
             await nights.start()
             assert asked == ["first", "first"]
             assert nights.of("first").session is not None
-            # what has begun isn't begun anew
+            # what has begun isn't begun again
             assert nights.of("second").session is begun
         finally:
             await nights.close()

@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -35,14 +36,15 @@ async def site(tmp_path: Path) -> AsyncIterator[NightSite]:
         yield opened
 
 
-async def sent(site: NightSite, **params: object) -> dict:
+async def sent(site: NightSite, **params: str | float) -> dict[str, Any]:
     answer = await site.client.post(
         "/v1/telescopes/east/frames",
         params={"wait": 60, **params},
         files={"file": ("m31.fits", await site.exposed())},
     )
     assert answer.status_code == 200, answer.text
-    return answer.json()
+    told: dict[str, Any] = answer.json()
+    return told
 
 
 @pytest.mark.long
@@ -137,7 +139,7 @@ async def test_a_folder_and_paths_and_headers(site: NightSite) -> None:
     ):
         assert (await site.client.post(frames, json=body)).status_code == 422, body
     assert (await site.client.get(f"{frames}/nothing")).status_code == 404
-    # played again, what lies in files is identified anew
+    # played again, what lies in files is identified again
     site.app.state.service.nights.of("east").parts.recording.close()
     played = await asyncio.to_thread(play, read_recording(next(site.record.glob("*.jsonl"))), wire=False)
     assert played.report.same

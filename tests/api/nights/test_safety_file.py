@@ -7,11 +7,13 @@ import os
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import api.nights.safety_file
 from api.nights.safety_file import SafetyFile, unsafe_by_file
+from mountnav.files import read_bytes
 from tests.api.nights.night_site import night_toml, served
 
 
@@ -40,12 +42,12 @@ async def test_a_file_that_hangs_is_answered_for_in_time(
 ) -> None:
     file, back = tmp_path / "safety.txt", threading.Event()
     file.write_text("safe")
-    read, begun = api.nights.safety_file.read_bytes, []
+    begun: list[Path] = []
 
     def from_a_share_that_is_gone(path: Path, most: int) -> bytes:
         begun.append(path)
         back.wait()
-        return read(path, most)
+        return read_bytes(path, most)
 
     monkeypatch.setattr(api.nights.safety_file, "read_bytes", from_a_share_that_is_gone)
     safety = SafetyFile(file, 300, look_s=0.05)
@@ -71,11 +73,13 @@ async def test_what_the_file_says_and_what_is_said_are_two(
     safety.write_text("safe")
     toml = night_toml(folder, record, safety)
 
-    async def until(words: str | None) -> dict[str, object]:
+    async def until(words: str | None) -> dict[str, Any]:
         async with asyncio.timeout(60):
-            while (night := await site.night())["unsafe_why"] != words:
+            while True:
+                night: dict[str, Any] = await site.night()
+                if night["unsafe_why"] == words:
+                    return night
                 await asyncio.sleep(0.02)
-        return night
 
     async with served(toml, folder, record, safety) as site:
         await site.said("start")

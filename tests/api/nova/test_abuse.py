@@ -19,10 +19,10 @@ import pytest
 
 from api.listeners.admission import nova_shares, shares
 from api.solver.limits import own_memory_mb
+from tests.api.conftest import OBSERVATORY
 from tests.api.http.stop_answers import stopped
 from tests.api.nova.nova_service import (
     HINT,
-    OBSERVATORY,
     Standing,
     as_fits,
     drawn,

@@ -21,7 +21,7 @@ KEYED = '[service]\nkeys_file = "{file}"'
 
 
 def keyed_observatory(file: Path) -> str:
-    from tests.api.nova.nova_service import OBSERVATORY
+    from tests.api.conftest import OBSERVATORY
 
     return OBSERVATORY.replace("[service]", KEYED.format(file=file))
 

@@ -15,10 +15,10 @@ from astropy.wcs import WCS
 
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import separation_arcsec
+from tests.api.conftest import OBSERVATORY
 from tests.api.nova.nova_service import (
     HEIGHT_PX,
     HINT,
-    OBSERVATORY,
     SCALE_ARCSEC_PX,
     TRUTH,
     WIDTH_PX,

@@ -34,7 +34,7 @@ def bounds(width_px: int | None = WIDTH_PX, **asked: Any) -> tuple[float | None,
 
 
 def test_scales_by_all_their_units() -> None:
-    ul = {"scale_type": "ul"}
+    ul: dict[str, Any] = {"scale_type": "ul"}
     assert bounds(scale_units="arcsecperpix", scale_lower=1, scale_upper="2.5", **ul) == (1.0, 2.5, "")
     # 4000 pixels of 0.9 to 1.8 arcsec
     assert bounds(scale_units="degwidth", scale_lower=1, scale_upper=2, **ul) == pytest.approx((0.9, 1.8, ""))

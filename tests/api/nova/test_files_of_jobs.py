@@ -173,8 +173,9 @@ async def test_named_objects_are_told_where_they_are(nova: Standing) -> None:
         "IMAGEW": 1000,
         "IMAGEH": 800,
     }
-    result = Result(cards, *([nothing] * 6), np.zeros((0, 2), np.float32))
+    nothings: list[Any] = [*([nothing] * 6), np.zeros((0, 2), np.float32)]
+    result = Result(cards, *nothings)
     crab = next(one for one in named_in(result) if one.names[0] == "M1")
     assert (crab.x_px, crab.y_px) == pytest.approx((499.5, 399.5), abs=0.01)
-    away = Result(cards | {"CRVAL1": 263.6, "CRVAL2": -22.0}, *([nothing] * 6), np.zeros((0, 2), np.float32))
+    away = Result(cards | {"CRVAL1": 263.6, "CRVAL2": -22.0}, *nothings)
     assert all(one.names[0] != "M1" for one in named_in(away))

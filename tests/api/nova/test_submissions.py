@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from datetime import UTC, datetime
+from typing import Any
 
 import pytest
 
@@ -116,7 +117,8 @@ def test_sessions_end_with_their_time_their_key_and_their_number(monkeypatch: py
     caller = Caller("somebody", Role.SOLVE, Face.NOVA, "10.0.0.1")
     one = kept.begin(caller, "yes")
     assert kept.of(one.secret) is one
-    for nothing in (None, 5, "", "x", [one.secret], {}):
+    nothings: tuple[Any, ...] = (None, 5, "", "x", [one.secret], {})
+    for nothing in nothings:
         assert kept.of(nothing) is None
     clock.s += KEEP_S - 1
     assert kept.of(one.secret) is one

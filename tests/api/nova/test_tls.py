@@ -15,7 +15,8 @@ from api.listeners import certificate as room
 from api.listeners.certificate import own_certificate
 from mountnav.errors import BadSettings
 from mountnav.settings.observatory import Settings
-from tests.api.nova.nova_service import HINT, OBSERVATORY, drawn, standing
+from tests.api.conftest import OBSERVATORY
+from tests.api.nova.nova_service import HINT, drawn, standing
 
 pytest.importorskip("cryptography", reason="the extra `tls` is not installed")
 

@@ -82,7 +82,7 @@ class TrueMount:
         began_s = time.monotonic()
         while not holds(self.now()):
             assert self.process.poll() is None
-        return self.told[-1]["s"] - began_s
+        return float(self.told[-1]["s"]) - began_s
 
 
 def sidereal(told: dict[str, Any]) -> bool:

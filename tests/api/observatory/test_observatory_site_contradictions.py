@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 
@@ -24,7 +25,8 @@ async def _command(port: int, *given: str) -> tuple[int, str]:
 @pytest.mark.long
 async def test_it_is_told_everywhere_and_nothing_slews_until_it_is_resolved() -> None:
     with fake_on_tcp() as (bench, toml):
-        mechanics = bench.fake.mechanics
+        fake: Any = bench.fake
+        mechanics = fake.mechanics
         mechanics.set_believed_site(Site(SITE.latitude_deg, -SITE.longitude_deg, SITE.height_m))
         async with standing(toml, bench) as stand, hands(stand) as by:
             http = by["rest"].http

@@ -235,7 +235,7 @@ async def test_an_order_is_on_the_disk_before_it_is_answered(observatory_toml: s
             await save(row)  # type: ignore[arg-type]
             written.append(row)
 
-        journal.save_job = slowly  # type: ignore[method-assign]
+        journal.save_job = slowly  # type: ignore[method-assign,assignment]
         answers = await asyncio.gather(
             *(client.post(f"{EAST}/look", headers={"Idempotency-Key": "k"}) for _ in range(2))
         )

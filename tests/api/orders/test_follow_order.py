@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import timedelta
+from typing import Any
 
 import httpx
 import pytest
@@ -45,9 +46,12 @@ def mover(ra: float = 2.0, dec: float = 1.0, *, ha_deg: float = -20.0) -> RatesT
 
 async def following(stand: Standing, **given: float) -> Job:
     """A job that follows, with rates in the mount."""
-    order = FollowOrder(
-        target=mover(), look_every_s=5.0, tolerance_arcsec=15.0, **(given or {"duration_s": 600.0})
-    )
+    wanted: dict[str, Any] = {
+        "look_every_s": 5.0,
+        "tolerance_arcsec": 15.0,
+        **(given or {"duration_s": 600.0}),
+    }
+    order = FollowOrder(target=mover(), **wanted)
     job = await stand.service.dispatcher.order(BOSS, "east", order)
     await until(lambda: job.is_over or stand.mechanics.beside_arcsec_s != (0.0, 0.0), "rates in the mount")
     assert not job.is_over, job.problem

@@ -44,7 +44,7 @@ except BadFrame as told:
 
 
 def _plain_fits(width_px: int, height_px: int, bits: int = 8) -> bytes:
-    cards = (
+    cards: tuple[str, ...] = (
         "SIMPLE  =                    T",
         f"BITPIX  = {bits:20d}",
         "NAXIS   =                    2",
@@ -131,8 +131,9 @@ async def test_a_frame_that_needs_too_much_is_told_and_the_next_is_read(tmp_path
 
 @pytest.mark.long
 async def test_what_computes_without_end_is_ended_by_the_kernel(tmp_path: Path) -> None:
-    frame = Frame(np.random.default_rng(1).normal(500, 10, (400, 400)).astype(np.float32))
-    frame.pixels[50:350:60, 50:350:60] += 5000
+    pixels = np.random.default_rng(1).normal(500, 10, (400, 400)).astype(np.float32)
+    pixels[50:350:60, 50:350:60] += 5000
+    frame = Frame(pixels)
     worker = Worker(MoodyCatalog(tmp_path), lambda *_: None, limits=Limits(more_cpu_s=0.0))
     try:
         near = Hint(center=COMPUTES, scale_low_arcsec_px=3.8, scale_high_arcsec_px=4.2)

@@ -44,7 +44,7 @@ SOLUTION = Solution(
     mode="full/cubic",
     wcs={"WCSAXES": 2, "CTYPE1": "RA---TAN", "CRPIX1": 1528.5},
     center_covariance_arcsec2=np.eye(2),
-    identified=None,
+    identified=None,  # type: ignore[arg-type]
     rejected_by={"K_rej": 3},
     catalog="Tycho-2",
 )

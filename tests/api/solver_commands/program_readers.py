@@ -71,7 +71,8 @@ def stellarsolver_ini(text: str) -> Seen | None:
 
 def ccdciel_wcs(content: bytes) -> tuple[list[str], str]:
     """CCDciel: lines of at most 80 characters become cards; lines that begin with WARNING are shown."""
-    cards, shown = [], ""
+    cards: list[str] = []
+    shown = ""
     for line in content.decode("ascii").split("\n"):
         if not line and cards and cards[-1].strip() == "END":
             break

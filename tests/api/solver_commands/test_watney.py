@@ -259,7 +259,7 @@ def test_a_folder_that_is_not_there_is_an_error(
 @given(st.lists(st.text(max_size=6), max_size=4))
 def test_any_arguments_end_with_an_exit_code(arguments: list[str]) -> None:
     class Quiet(LocalHost):
-        def open(self, path: str) -> io.BytesIO:  # type: ignore[override]
+        def open(self, path: str) -> io.BytesIO:
             raise FileNotFoundError(path)
 
         def write(self, path: str, content: bytes) -> None:

@@ -236,7 +236,8 @@ def test_a_solver_that_ends_in_the_middle_is_told(private: Running) -> None:
 def test_without_a_thread_left_a_call_is_let_go_and_the_next_is_answered(
     private: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    start, refused = threading.Thread.start, []
+    start = threading.Thread.start
+    refused: list[threading.Thread] = []
 
     def no_more(thread: threading.Thread) -> None:
         if thread.name == "solver call" and not refused:

@@ -134,7 +134,10 @@ def test_a_magnitude_limit_leaves_out_stand_ins() -> None:
     count = 4
     flags = np.array([0, StarFlag.NO_MAGNITUDE, StarFlag.DOUBLE, 0], dtype=np.uint8)
     columns = CatalogColumns(
-        *(np.zeros(count) for _ in range(4)),
+        np.zeros(count),
+        np.zeros(count),
+        np.zeros(count),
+        np.zeros(count),
         np.array([9.0, 9.0, 9.0, 12.0]),
         np.ones((count, 3)),
         flags=flags,
@@ -316,7 +319,7 @@ def _break_off(order: ImportOrder, parts: int) -> None:
 def test_other_options_begin_anew_and_say_so(zones: Path, tmp_path: Path) -> None:
     _break_off(_order(zones, tmp_path), 3)
     imported, _, notes = _import(_order(zones, tmp_path, selection=Selection(mag_limit=15.0)))
-    assert notes == ["beginning anew: the earlier run had other options"]
+    assert notes == ["beginning again: the earlier run had other options"]
     assert imported.resumed == 0
     assert imported.header.count == int((_columns(zones).mag <= 15.0).sum())
 
@@ -327,7 +330,7 @@ def test_a_file_that_is_in_and_was_changed_since_begins_anew(whole: bytes, tmp_p
     other = write_zones(tmp_path / "other", (2,), seed=8)
     (source / "z002").write_bytes((other / "z002").read_bytes())
     imported, _, notes = _import(_order(source, tmp_path))
-    assert notes == ["beginning anew: the file of z002, which is in, is another now"]
+    assert notes == ["beginning again: the file of z002, which is in, is another now"]
     fresh = import_catalog(_order(source, tmp_path, "fresh"))
     assert imported.path.read_bytes() == fresh.path.read_bytes() != whole
 
@@ -353,7 +356,7 @@ def test_a_record_that_isnt_there_or_is_damaged_trusts_nothing(
         path = unfinished_path(tmp_path, "ucac4") / "record.json"
         path.unlink() if record is None else path.write_bytes(record)
         imported, _, notes = _import(_order(zones, tmp_path, force=True))
-        assert [note.split(":")[0] for note in notes] == ["beginning anew"]
+        assert [note.split(":")[0] for note in notes] == ["beginning again"]
         assert imported.path.read_bytes() == whole
 
 
@@ -361,7 +364,7 @@ def test_another_place_of_the_source_begins_anew(zones: Path, whole: bytes, tmp_
     _break_off(_order(zones, tmp_path), 2)
     elsewhere = write_zones(tmp_path / "elsewhere")
     imported, _, notes = _import(_order(elsewhere, tmp_path))
-    assert notes == ["beginning anew: the file of z001, which is in, is another now"]
+    assert notes == ["beginning again: the file of z001, which is in, is another now"]
     assert imported.path.read_bytes() == whole
 
 

@@ -179,7 +179,7 @@ def test_configured_columns_go_before_all_else() -> None:
 
 
 def test_rows_without_place_and_twins_are_left_out_and_counted() -> None:
-    rows = [(10.0 + 0.001 * n, *ROW[1:]) for n in range(30)]
+    rows: list[tuple[object, ...]] = [(10.0 + 0.001 * n, *ROW[1:]) for n in range(30)]
     rows += [rows[3], rows[3], (None, *ROW[1:])]
     _, received = understood(SOURCE, answer(PLAIN, rows, described=COS))
     assert (received.without_place, received.doubled) == (1, 2)

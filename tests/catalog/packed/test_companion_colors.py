@@ -29,7 +29,7 @@ def columns(seed: int) -> CatalogColumns:
         rng.uniform(-90, 90, COUNT),
         e * 0,
         e * 0,
-        rng.permutation(COUNT) * 0.01,
+        0.01 * np.arange(COUNT, dtype=np.float64)[rng.permutation(COUNT)],
         error_curve((e, e), (e / 10, e / 10), (e + 1960, e + 1960)),
         color,
     )

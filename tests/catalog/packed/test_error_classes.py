@@ -24,7 +24,8 @@ def like_ucac4(count: int, seed: int = 1) -> np.ndarray:
 
 def sigma(classes: np.ndarray, year: float) -> np.ndarray:
     s, epoch, s_pm = classes.astype(np.float64).T
-    return np.hypot(s, (year - epoch) * s_pm)
+    found: np.ndarray = np.hypot(s, (year - epoch) * s_pm)
+    return found
 
 
 def ratios(curve: np.ndarray, code: np.ndarray, classes: np.ndarray) -> np.ndarray:

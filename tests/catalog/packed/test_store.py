@@ -51,7 +51,7 @@ def random_columns() -> CatalogColumns:
         mag,
         error_curve((e, e), (e_pm, e_pm), (epoch, epoch)),
         color,
-        rng.integers(0, 64, COUNT).astype(np.uint8) << 1,
+        (rng.integers(0, 64, COUNT) << 1).astype(np.uint8),
     )
 
 
@@ -139,7 +139,8 @@ def straight_line_places(columns: CatalogColumns, epoch_yr: float) -> np.ndarray
     mas_rad = np.pi / 180 / 3.6e6 * (epoch_yr - 2000.0)
     pm = np.nan_to_num(np.array([columns.pm_ra_cosdec_mas_yr, columns.pm_dec_mas_yr]))
     moved = radial + (east * pm[0] + north * pm[1]) * mas_rad
-    return moved / np.linalg.norm(moved, axis=0)
+    unit: np.ndarray = moved / np.linalg.norm(moved, axis=0)
+    return unit
 
 
 @pytest.mark.long
@@ -187,11 +188,14 @@ def test_colors_and_flags_are_those_of_the_star(
 ) -> None:
     order = np.argsort(columns.mag)
     still = np.where(np.isnan(columns.pm_dec_mas_yr), StarFlag.NO_PROPER_MOTION, 0)[order]
+    assert columns.color_mag is not None
+    assert columns.flags is not None
     for which, store in stores.items():
         stars = store.cone(Icrs(0, 0), 180.0, epoch_yr=EPOCH_YR)
         if which == "1":
             assert np.isnan(stars.color_mag).all()
             assert stars.color_name == ""
+            assert columns.flags is not None
             np.testing.assert_array_equal(stars.flags, still)
             continue
         np.testing.assert_allclose(stars.color_mag, columns.color_mag[order], atol=0.0006)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,7 +61,8 @@ def read_all(path: Path) -> CatalogColumns:
 
 def sigma_mas(columns: CatalogColumns, epoch_yr: float) -> np.ndarray:
     t = epoch_yr - 2000.0
-    return np.sqrt(columns.error_curve @ np.array([1.0, t, t * t]))
+    sigma: np.ndarray = np.sqrt(columns.error_curve @ np.array([1.0, t, t * t]))
+    return sigma
 
 
 def test_real_bytes_of_the_polar_file_are_polaris_and_delta_ursae_minoris(tmp_path: Path) -> None:
@@ -135,7 +137,7 @@ def test_names_of_areas_that_do_not_exist_are_no_names() -> None:
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(given_stars=st.lists(places, min_size=1, max_size=30))
 def test_every_star_comes_back(
-    tmp_path_factory: pytest.TempPathFactory, size: int, areas: int, given_stars: list[tuple]
+    tmp_path_factory: pytest.TempPathFactory, size: int, areas: int, given_stars: list[tuple[Any, ...]]
 ) -> None:
     folder = tmp_path_factory.mktemp("round")
     stars = [Star(*values) for values in given_stars]

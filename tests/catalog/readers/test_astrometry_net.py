@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import gzip
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,7 +46,7 @@ def all_stars(path: Path) -> tuple[IndexReader, CatalogColumns]:
     reader = open_reader("astrometry-net", path)
     assert isinstance(reader, IndexReader)
     chunks = [chunk for part in reader.parts() for chunk in reader.read(part)]
-    columns = {}
+    columns: dict[str, Any] = {}
     for name in CatalogColumns.__dataclass_fields__:
         values = [getattr(chunk, name) for chunk in chunks]
         columns[name] = None if values[0] is None else np.concatenate(values)
@@ -61,7 +62,7 @@ def pairs(stars: CatalogColumns, table: Table) -> np.ndarray:
     found = unit_vectors(stars.ra_deg, stars.dec_deg)
     given = unit_vectors(np.array(table["ra"]), np.array(table["dec"]))
     distance = np.sqrt(((found[:, :, None] - given[:, None, :]) ** 2).sum(axis=0))
-    rows = distance.argmin(axis=1)
+    rows: np.ndarray = distance.argmin(axis=1)
     assert distance.min(axis=1).max() < 1e-9  # 0.2 mas
     assert np.unique(rows).size == rows.size
     return rows

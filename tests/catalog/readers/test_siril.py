@@ -53,7 +53,8 @@ stars = st.builds(
 def real_stars() -> list[Star]:
     # half a step up: the printed values are those of whole steps, and the writer cuts off
     return [
-        Star(ra + 0.5 / SCALE, dec + np.copysign(0.5 / SCALE, dec), *rest) for ra, dec, *rest in REAL.values()
+        Star(ra + 0.5 / SCALE, dec + np.copysign(0.5 / SCALE, dec), *rest)  # type: ignore[arg-type]
+        for ra, dec, *rest in REAL.values()
     ]
 
 
@@ -74,7 +75,8 @@ def read_all(path: Path) -> CatalogColumns:
 
 def sigma_mas(columns: CatalogColumns, epoch_yr: float) -> np.ndarray:
     t = epoch_yr - 2000.0
-    return np.sqrt(columns.error_curve @ np.array([1.0, t, t * t]))
+    sigma: np.ndarray = np.sqrt(columns.error_curve @ np.array([1.0, t, t * t]))
+    return sigma
 
 
 def test_records_of_the_real_file_come_back_from_their_pixels(tmp_path: Path) -> None:

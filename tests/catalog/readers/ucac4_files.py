@@ -7,6 +7,7 @@ import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 # [CATALOGS, Formats §3]: name, offset, type, how many
 TABLE = (
@@ -92,7 +93,7 @@ def record(order: str = "<", **changed: int | tuple[int, ...]) -> bytes:
     return bytes(out)
 
 
-def write_zone(folder: Path, zone: int, stars: Iterable[Mapping[str, int | tuple[int, ...]]]) -> Path:
+def write_zone(folder: Path, zone: int, stars: Iterable[Mapping[str, Any]]) -> Path:
     """Write a zone file, sorted by right ascension."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"z{zone:03d}"

@@ -45,11 +45,11 @@ def record(
     order: str = "<",
 ) -> bytes:
     """Bytes of one star: `PLAIN` with changes, and its five observations, in file units."""
-    values = PLAIN | star
+    values = {**PLAIN, **star}
     words = [values["ra"], values["spd"], *(_packed(WORDS[n], values) for n in (2, 3, 4))]
     observations = list(observations)
     words += [_packed(MAGNITUDE, one) for one in observations]
-    words += [_packed(RESIDUAL, {"C": 1, "r": 5010, "R": 4990} | one) for one in observations]
+    words += [_packed(RESIDUAL, {"C": 1, "r": 5010, "R": 4990, **one}) for one in observations]
     words += [1234567 if one["F"] else 0 for one in observations]
     return struct.pack(f"{order}20I", *words)
 

@@ -343,7 +343,7 @@ class FakeTelescope(FakeDevice):
 
     def _axis(self, form: dict[str, str]) -> int:
         lower = {name.lower(): value for name, value in form.items()}
-        axis = self.need(lower, "axis", int)
+        axis: int = self.need(lower, "axis", int)
         if axis not in (0, 1, 2):
             raise AlpacaError(0x401, "No such axis")
         return axis

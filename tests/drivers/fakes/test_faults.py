@@ -237,7 +237,7 @@ def test_a_factor_must_be_given_and_be_a_number() -> None:
 
 
 def test_rate_faults_are_drawn_whole() -> None:
-    chances = RandomFaults(3, 1.0, RATE_KINDS)
+    chances = RandomFaults(3, 1.0, RATE_KINDS)  # type: ignore[arg-type]
     drawn = [chances.draw(b":GR#") for _ in range(300)]
     assert {fault.kind for fault in drawn if fault} == set(RATE_KINDS)
     assert {fault.rates for fault in drawn if fault and fault.kind == "rate-reversed"} == {

@@ -39,7 +39,7 @@ async def watched(
     """What a watcher tells, with a turn between each two of its looks."""
     found: list[NewFile] = []
     tell = (lambda text: None) if told is None else told.append
-    watching = FolderWatcher(folder, pattern, clock=Clock(*turns), tell=tell)
+    watching = FolderWatcher(folder, pattern, clock=Clock(*turns), tell=tell)  # type: ignore[arg-type]
     with contextlib.suppress(EndOfTestError):
         async for new in watching.files():
             found.append(new)

@@ -20,7 +20,6 @@ from mountnav.devices import (
 )
 from mountnav.errors import (
     DeviceError,
-    DeviceGarbled,
     DeviceMissing,
     DeviceRefused,
     DeviceSilent,
@@ -145,6 +144,10 @@ class PlainLanguage(Unskilled):
         finally:
             self._asked_s = None
 
+    @property
+    def tracking_rates(self) -> frozenset[TrackingRate]:
+        return frozenset(TrackingRate)
+
     async def readout(self) -> Readout:
         if not self.usable:
             raise DeviceMissing("the line was lost", device=self.device)
@@ -245,6 +248,9 @@ class PlainLanguage(Unskilled):
             )
         elif taken is not None:
             self.mechanics.track_beside(taken.ra_arcsec_s, taken.dec_arcsec_s)
+            # gathering speed for half a millisecond is no slew to a real mount; a quick machine reads in it
+            while self.mechanics.slewing():
+                await asyncio.sleep(0)
         if self.rates_lost is not None:
             raise self.rates_lost
         if not rates.none:
@@ -291,11 +297,3 @@ class PlainLanguage(Unskilled):
             raise DeviceRefused("not while aligned", device=self.device)
         self.orders.append("set site")
         self.its_site = site
-
-
-class GarblingLanguage(PlainLanguage):
-    """Contradicts itself at every reading."""
-
-    async def readout(self) -> Readout:
-        await super().readout()
-        raise DeviceGarbled("nonsense", device=self.device)

@@ -34,7 +34,7 @@ def test_all_of_its_way_is_within_reach(
     drift = drift_at(rates)
     drift.read(NOW + timedelta(seconds=1.0))
     after = moved_on(place, rates, share * seconds)
-    way = separation_arcsec(place, moved_on(place, rates, seconds))  # type: ignore[arg-type]
+    way = separation_arcsec(place, moved_on(place, rates, seconds))  # type: ignore[type-var]
     # the way along a parallel is no great circle: bent by less than a hundredth of it
     assert drift.beyond_arcsec(place, after, seconds) <= 1e-3 + 0.01 * way
 
@@ -47,7 +47,7 @@ def test_what_lies_beside_its_way_counts(
     drift = drift_at(rates)
     drift.read(NOW + timedelta(seconds=1.0))
     seconds = 1.0
-    way = separation_arcsec(place, moved_on(place, rates, seconds))  # type: ignore[arg-type]
+    way = separation_arcsec(place, moved_on(place, rates, seconds))  # type: ignore[type-var]
     after = displaced(place, 0.0 if north else off_arcsec, off_arcsec if north else 0.0)
     beyond = drift.beyond_arcsec(place, after, seconds)
     assert beyond >= off_arcsec - way - 1.0

@@ -393,7 +393,7 @@ async def test_those_of_others_are_found_told_and_left_alone() -> None:
     async with rigged(language) as rig:
         assert rig.mount.report is not None
         assert any("+1.5000″/s" in problem for problem in rig.mount.report.problems)
-        assert rig.mount.rates_known == OffsetRates(pytest.approx(1.5), 0.0)
+        assert rig.mount.rates_known == OffsetRates(pytest.approx(1.5), 0.0)  # type: ignore[arg-type]
         await rig.mount.close()
         assert not _sent(rig)
 

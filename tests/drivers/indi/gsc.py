@@ -50,7 +50,7 @@ def main(arguments):
     true_ra_deg, true_dec_deg = displaced(ra_deg, dec_deg, east_arcsec, north_arcsec)
     with open(os.path.join(folder, "calls"), "a") as file:
         file.write(f"{ra_deg} {dec_deg} {true_ra_deg} {true_dec_deg}\n")
-    lines = []
+    lines: list[str] = []
     with open(os.path.join(folder, "stars")) as file:
         for line in file:
             star_ra_deg, star_dec_deg, mag = map(float, line.split())
@@ -60,7 +60,7 @@ def main(arguments):
             if flat is None or hypot(*flat) > radius:
                 continue
             # what stands there is drawn where the telescope says it looks
-            drawn_ra_deg, drawn_dec_deg = sphere(*flat, ra_deg, dec_deg)
+            drawn_ra_deg, drawn_dec_deg = sphere(flat[0], flat[1], ra_deg, dec_deg)
             dist = degrees(hypot(*flat)) * 60.0
             lines.append(
                 f"{len(lines):010d} {drawn_ra_deg:.7f} {drawn_dec_deg:.7f} 0.2 {mag:.2f} 0.2 1 0 A000 N "

@@ -12,6 +12,7 @@ import contextlib
 import io
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -94,7 +95,7 @@ class OddCamera:
         self._writers.append(writer)
         over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._served.append(over)
-        parser = ElementTree.XMLPullParser(["start", "end"])
+        parser: Any = ElementTree.XMLPullParser(["start", "end"])
         parser.feed("<indi>")
         depth = 1
         with contextlib.suppress(OSError):

@@ -11,9 +11,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from drivers.generic.mount import GenericMount
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.devices import SyncResult
+from mountnav.devices import Mount, SyncResult
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import offset_arcsec
 
@@ -65,7 +64,7 @@ class GscSky:
 class SkyUnderSyncs:
     """A mount whose syncs leave the sky where it is."""
 
-    def __init__(self, mount: GenericMount, sky: GscSky) -> None:
+    def __init__(self, mount: Mount, sky: GscSky) -> None:
         self._mount = mount
         self._sky = sky
         self.syncs = 0

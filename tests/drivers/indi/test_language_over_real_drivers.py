@@ -114,7 +114,7 @@ async def told_its_line(server: IndiServer, real: Real, address: str) -> None:
     panel = server.device(real.device)
     has = panel.get
     await panel.client.open()
-    assert await panel.client.until(lambda: has("DEVICE_PORT") or has("CONNECTION_MODE"), 30.0)
+    assert await panel.client.until(lambda: bool(has("DEVICE_PORT") or has("CONNECTION_MODE")), 30.0)
     mode = "CONNECTION_TCP" if real.tcp else "CONNECTION_SERIAL"
     if has("CONNECTION_MODE") is not None:
         await panel.set_switches("CONNECTION_MODE", {mode: True})

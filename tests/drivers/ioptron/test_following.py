@@ -47,7 +47,7 @@ async def test_it_follows_in_right_ascension() -> None:
     fake = fake_of()
     async with opened(fake) as mount:
         assert Skill.OFFSET_RATES in mount.skills
-        assert mount.most_offset_arcsec_s == OffsetRates(pytest.approx(13.537, abs=1e-3), 0.0)
+        assert mount.most_offset_arcsec_s == OffsetRates(pytest.approx(13.537, abs=1e-3), 0.0)  # type: ignore[arg-type]
         for ra in (0.5, -2.25, 13.5, -13.5):
             await mount.set_offset_rates(OffsetRates(ra, 0.0))
             assert kept_rates(fake.mechanics) == pytest.approx((ra, 0.0), abs=1e-3)

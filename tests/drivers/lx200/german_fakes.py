@@ -42,7 +42,7 @@ def german(dialect: str, *, faults: Sequence[Fault] = (), site: Site = SITE, **m
 
 def switched_on(dialect: str, **machine: Any) -> FakeLx200:
     """One that has just been switched on: at home, at rest, its clock not set."""
-    asleep = {"starts_at": "home", "tracks_at_start": False, "remembers_clock": False}
+    asleep: dict[str, Any] = {"starts_at": "home", "tracks_at_start": False, "remembers_clock": False}
     return german(dialect, **asleep, clock_offset_s=-8e8, **machine)
 
 

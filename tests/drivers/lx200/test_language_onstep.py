@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.fakes.faults import Fault, RandomFaults
+from drivers.fakes.faults import AnswerKind, Fault, RandomFaults
 from drivers.lx200.fake.onstep import OnStepSpeaker
 from mountnav.clock import utc_now
 from mountnav.devices import Direction, PierSide, SlewOutcome, SyncOutcome, TrackingRate
@@ -249,6 +249,7 @@ async def test_a_spoiled_reading_is_asked_again(faults: list[Fault]) -> None:
         for fault in faults:
             fake.add_fault(fault)
         reading = await mount.reading()
+        assert isinstance(reading.place, Apparent)
         assert separation_arcsec(reading.place, fake.mechanics.reported()) < 1.0
         assert reading.tracking is True
 
@@ -259,7 +260,7 @@ async def test_no_fault_publishes_a_wrong_place(dialect: str) -> None:
     fake = german(dialect)
     async with opened(fake, timing=replace(QUICK, poll_s=0.02)) as mount:
         await mount.slew(beside(fake.mechanics.reported(), -20.0, -10.0))
-        kinds = ("lose", "late", "cut", "garble", "double")
+        kinds: tuple[AnswerKind, ...] = ("lose", "late", "cut", "garble", "double")
         fake.chance = RandomFaults(seed=7, rate=0.1, kinds=kinds, longest_s=0.6)
         read = 0
         for _ in range(15):
@@ -269,6 +270,7 @@ async def test_no_fault_publishes_a_wrong_place(dialect: str) -> None:
                 continue
             read += 1
             believed = fake.mechanics.reported()
+            assert isinstance(reading.place, Apparent)
             assert separation_arcsec(reading.place, believed) < 20.0, (reading, believed)
         assert read > 7
         assert fake.strikes

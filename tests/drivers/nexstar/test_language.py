@@ -16,6 +16,7 @@ from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.nexstar.codec import base
 from drivers.nexstar.codec.handsets import Handset, Version
+from drivers.nexstar.codec.passthrough import Axis
 from drivers.nexstar.fake import FakeNexstar
 from drivers.nexstar.family import NEXSTAR, SYNSCAN
 from drivers.nexstar.parking import Horizon
@@ -99,6 +100,7 @@ async def test_reading_is_where_the_fake_believes_to_point() -> None:
     fake = fake_at_zenith()
     async with opened(fake) as mount:
         reading = await mount.reading()
+        assert isinstance(reading.place, Apparent)
         assert separation_arcsec(reading.place, fake.mechanics.reported(reading.utc)) < 1.0
     # the same hand control in J2000 is 20 arcminutes off for whoever takes it for JNow
     fake = fake_at_zenith(epoch="icrs")
@@ -315,12 +317,12 @@ async def test_other_kind_of_place_is_refused() -> None:
 async def test_a_timed_pulse_moves_and_ends() -> None:
     fake = fake_at_zenith()
     before = fake.mechanics.reported().dec_deg
-    assert fake.feed(base.guide(base.Axis.DEC, -50, 0.2).sent) == b"#"
-    assert fake.feed(base.guiding(base.Axis.DEC).sent) == b"\x01#"
+    assert fake.feed(base.guide(Axis.DEC, -50, 0.2).sent) == b"#"
+    assert fake.feed(base.guiding(Axis.DEC).sent) == b"\x01#"
     while (due_in_s := fake.due_in_s()) is not None:
         await asyncio.sleep(due_in_s)
         fake.feed(b"")
-    assert fake.feed(base.guiding(base.Axis.DEC).sent) == b"\x00#"
+    assert fake.feed(base.guiding(Axis.DEC).sent) == b"\x00#"
     assert -3.0 < (fake.mechanics.reported().dec_deg - before) * 3600.0 < -0.5
 
 

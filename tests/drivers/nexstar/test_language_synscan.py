@@ -78,6 +78,7 @@ async def test_its_places_are_j2000() -> None:
     async with opened(fake) as mount:
         reading = await mount.reading()
         believed = fake.mechanics.reported(reading.utc)
+        assert isinstance(reading.place, Icrs)
         assert separation_arcsec(reading.place, apparent_to_icrs(believed)) < 1.0
         assert separation_arcsec(reading.place, Icrs(believed.ra_deg, believed.dec_deg)) > 300.0
 

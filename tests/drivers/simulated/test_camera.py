@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,8 +29,8 @@ class OneStar:
     def cone(
         self, center: Icrs, radius_deg: float, *, epoch_yr: float, mag_limit: float | None = None
     ) -> Stars:
-        one = (np.array([v]) for v in (PLACE.ra_deg, PLACE.dec_deg, 0.1, 6.0, 0.0, 0.0))
-        return Stars(*one, epoch_yr, "V", self.name)
+        one: list[Any] = [np.array([v]) for v in (PLACE.ra_deg, PLACE.dec_deg, 0.1, 6.0, 0.0, 0.0)]
+        return Stars(*[*one, epoch_yr, "V", self.name])
 
 
 class Truth:

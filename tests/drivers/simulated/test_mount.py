@@ -84,6 +84,7 @@ def test_syncs_come_to_what_the_mechanics_make_of_them(behavior: Any, outcome: S
     async def life(mount: SimulatedMount, clock: VirtualClock) -> None:
         mount.mechanics.sync_behavior, mount.mechanics.sync_late_s = behavior, 2.0
         here = (await mount.reading()).place
+        assert isinstance(here, Apparent)
         result = await mount.sync(displaced(here, 300.0, 400.0))
         assert result.outcome is outcome
         assert mount.received == ["sync"]
@@ -106,6 +107,7 @@ def test_a_sync_that_comes_after_it_was_given_up_is_told() -> None:
         mount.listen(lambda what, _: heard.append(what))
         mount.mechanics.sync_behavior, mount.mechanics.sync_late_s = "late", 8.0
         here = (await mount.reading()).place
+        assert isinstance(here, Apparent)
         assert (await mount.sync(displaced(here, 300.0, 400.0))).outcome is SyncOutcome.IGNORED
         await clock.sleep(8.0)
         await mount.reading()

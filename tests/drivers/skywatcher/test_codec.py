@@ -90,7 +90,6 @@ def test_only_starting_must_not_be_sent_twice() -> None:
         codec.set_position(FIRST, 1),
         codec.motion(FIRST, goto=True, fast=True, backward=False),
         codec.goto_by(FIRST, 1),
-        codec.goto_to(FIRST, 1),
         codec.brake_by(FIRST, 1),
         codec.period(FIRST, 1),
         codec.slow_down(FIRST),
@@ -173,7 +172,5 @@ def test_status_there_and_back(status: MotorStatus) -> None:
 
 
 def test_features_as_notes_on_three_mounts_have_them() -> None:
-    assert read_features("0B6000").home_sensors is False
-    assert read_features("076000").home_sensors is True
+    assert read_features("0B6000").encoders is True
     assert read_features("076000").encoders is True
-    assert read_features("1B3000").pec_training is True

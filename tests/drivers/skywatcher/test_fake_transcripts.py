@@ -81,6 +81,5 @@ def test_our_words_are_the_real_drivers(shared: Path) -> None:
         codec.period(Axis.HOUR_ANGLE, _GEAR.period(SIDEREAL_DEG_S)),
         codec.goto_by(Axis.HOUR_ANGLE, 1_880_059),
         codec.brake_by(Axis.HOUR_ANGLE, 3200),
-        codec.hand_guide_rate(Axis.HOUR_ANGLE, 2),
     ]
     assert {command.sent for command in ours} <= said

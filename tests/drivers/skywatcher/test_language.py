@@ -160,6 +160,7 @@ async def test_a_goto_ends_on_its_target_and_stays(
         assert await mount.slew(target) is SlewOutcome.ARRIVED
         reading = await mount.reading()
         assert apart_arcsec(fake.mechanics.reported(), target) < 2.0
+        assert isinstance(reading.place, Apparent)
         assert apart_arcsec(reading.place, target) < 2.0
         assert reading.pier_side is side is fake.mechanics.pier_side()
         assert reading.tracking is True

@@ -8,6 +8,7 @@ import resource
 import signal
 import threading
 import tracemalloc
+from typing import Any
 
 import numpy as np
 import pytest
@@ -187,7 +188,7 @@ def test_cells_of_a_grid_are_of_like_size(density):
 
 @pytest.mark.long
 def test_two_builds_are_the_same_bytes(store, index, tmp_path):
-    shares = []
+    shares: list[float] = []
     build(store, tmp_path / "again.mnq", progress=shares.append)
     assert (tmp_path / "again.mnq").read_bytes() == index.path.read_bytes()
     assert shares[0] == 0.0
@@ -310,7 +311,7 @@ def test_the_cache_lies_where_the_user_says(store, monkeypatch, tmp_path):
 
 @pytest.mark.long
 def test_it_is_built_once_and_damage_is_mended(store, index, cache):
-    told = []
+    told: list[Any] = []
     first = cached_index(store, progress=told.append)
     assert told
     assert first.path == index_path(store)
@@ -373,7 +374,7 @@ def asked_all(sky):
 
 @pytest.mark.long
 def test_of_several_that_need_it_one_builds(store, cache):
-    told = [[], [], []]
+    told: list[list[Any]] = [[], [], []]
     threads = [
         threading.Thread(target=cached_index, args=(store,), kwargs={"progress": one.append}) for one in told
     ]
@@ -412,8 +413,8 @@ def test_close_stars_make_quads_by_the_ranks_of_distance(store, index):
     count = int(index.first_star[1])
     vectors = CatalogRows(store.path).vectors(index.rows(np.arange(count)), epoch_yr=EPOCH_YR)
     for star in range(0, count, 400):
-        near = np.argsort(-(vectors @ vectors[star]))[:7]
-        near = [star, *(one for one in near.tolist() if one != star)]
+        nearest = np.argsort(-(vectors @ vectors[star]))[:7].tolist()
+        near = [star, *(one for one in nearest if one != star)]
         wanted = {tuple(sorted(near[k] for k in (0, *kind))) for kind in building.MORE}
         assert wanted <= held
 

@@ -273,6 +273,7 @@ def test_stars_that_ran_since_the_index_was_made_are_found_where_they_are(sky_in
         if found is not None:
             break
     assert found is not None
+    assert found.reference is not None
     assert separation_arcsec(found.reference.plate.center(), hypothesis.plate.center()) < 0.3 * one.scale
 
 

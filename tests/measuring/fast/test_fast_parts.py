@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -105,9 +107,9 @@ def test_a_drawn_star_is_the_integral_over_the_pixels(fwhm_px: float, x: float, 
 @settings(max_examples=30, deadline=None)
 def test_slopes_are_those_of_differences(integrated: bool, wing: float, p: float, r: float, q: float) -> None:
     def value(p: float, q: float, r: float, x: float = 0.0, y: float = 0.0) -> np.ndarray:
-        return drawn(
-            EllipticalPsf(Psf(wing, integrated=integrated), p, q, r), u - np.float32(x), v - np.float32(y)
-        )[0, 0]
+        shape = EllipticalPsf(Psf(wing, integrated=integrated), p, q, r)
+        at: np.ndarray = drawn(shape, u - np.float32(x), v - np.float32(y))[0, 0]
+        return at
 
     offset = np.arange(-4, 5.0)
     v, u = (
@@ -140,7 +142,7 @@ def test_the_nearest_drawing_is_within_a_sixteenth_of_a_pixel() -> None:
     x, y = np.random.default_rng(0).uniform(-0.5, 0.5, (2, 500))
     which, at_x, at_y = image.near(x, y)
     assert np.abs(at_x - x).max() <= 1.0 / 16.0 + 1e-12
-    direct = drawn(
-        image.shape, image.dx - at_x[:, None].astype(np.float32), image.dy - at_y[:, None].astype(np.float32)
-    )
+    dx: Any = image.dx - at_x[:, None].astype(np.float32)
+    dy: Any = image.dy - at_y[:, None].astype(np.float32)
+    direct = drawn(image.shape, dx, dy)
     np.testing.assert_allclose(image.drawings[which], direct, atol=1e-5)

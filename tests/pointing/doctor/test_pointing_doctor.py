@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from dataclasses import replace
 from datetime import timedelta
+from typing import Any
 
 import numpy as np
 import pytest
@@ -213,9 +214,10 @@ def test_misreported_sides(sides: str, words: str) -> None:
 def test_a_turned_camera_is_told_and_no_illness() -> None:
     one = sound(16)
     night(one, looks=4)
+    assert all(each.rotation_deg is not None for each in one.looks)
     looks = [
         *one.looks[:2],
-        *(replace(each, rotation_deg=each.rotation_deg + 40.0) for each in one.looks[2:]),
+        *(replace(each, rotation_deg=(each.rotation_deg or 0.0) + 40.0) for each in one.looks[2:]),
     ]
     said = diagnose(looks, site=SITE, believed_epoch="apparent", mounting="german", sign_confirmed=True)
     assert [each.what for each in said.findings] == [Illness.CAMERA_TURNED]
@@ -380,7 +382,7 @@ def test_looks_below_the_ground_are_told_with_their_altitude() -> None:
 
 @pytest.mark.long
 def test_where_both_signs_would_do_nobody_is_called_healthy_unless_the_mount_says_the_same() -> None:
-    told = Counter()
+    told: Counter[Any] = Counter()
     for seed in range(12):
         one = sound(400 + seed)
         night(one)

@@ -489,8 +489,8 @@ def test_down_is_down_on_both_sides(side: PierSide) -> None:
 
 def test_nothing_is_moved_through_the_pole_or_the_zenith() -> None:
     for side in (PierSide.EAST, PierSide.WEST):
-        found = by_hand(30.0, 70.0, (0.0, 1.0), Limits(5.0), side=side)
-        assert found == (LimitKind.UNREACHABLE, pytest.approx(20.0, abs=0.3))
+        by_the_hand = by_hand(30.0, 70.0, (0.0, 1.0), Limits(5.0), side=side)
+        assert by_the_hand == (LimitKind.UNREACHABLE, pytest.approx(20.0, abs=0.3))
     assert by_hand(30.0, 70.0, (0.0, -1.0), Limits(5.0), within_s=30.0) is None
     here = HourAngle(0.0, 20.0, NIGHT)
     high = 90.0 - SITE.latitude_deg + 20.0

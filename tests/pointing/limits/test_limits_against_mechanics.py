@@ -70,7 +70,7 @@ class Trial:
     def ordered(self, target: Icrs, anew: int = 2) -> None:
         """Slew to a target if that is allowed, by the legs that are allowed, judged all the way.
 
-        Planned anew where a leg isn't allowed any more when it comes to it, as `Motions` does.
+        Planned again where a leg isn't allowed any more when it comes to it, as `Motions` does.
         """
         mounting: Mounting = self.machine.mounting
         self.least = {}

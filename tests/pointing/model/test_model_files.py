@@ -18,12 +18,11 @@ from mountnav.pointing.model.tpoint_file import (
     read_coefficients,
     read_observations_text,
     write_coefficients,
-    write_pmfit,
-    write_tpoint_observations,
 )
 from mountnav.settings.model import ModelSettings
 from mountnav.sky.coordinates import Air, Site
 from tests.pointing.model.model_data import SIX, pmfit, telescope
+from tests.pointing.model.tpoint_writing import write_pmfit, write_tpoint_observations
 
 WHEN = datetime(2026, 11, 22, 3, 0, tzinfo=UTC)
 

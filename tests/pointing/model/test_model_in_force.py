@@ -298,5 +298,7 @@ def test_a_mount_that_allows_for_refraction():
         mine = [one for told, one in looks if told is does]
         right = fit(mechanical(mine, Conversion(SITE, does_refraction=does)), ())
         wrong = fit(mechanical(mine, Conversion(SITE, does_refraction=not does)), ())
+        assert right.after.sky_rms_arcsec is not None
+        assert wrong.after.sky_rms_arcsec is not None
         assert right.after.sky_rms_arcsec < 0.7  # polar motion and diurnal aberration
         assert wrong.after.sky_rms_arcsec > 15.0

@@ -1,14 +1,16 @@
 """Automatic choice of terms: as good as TPOINT's on its author's data, and nothing made of noise."""
 
 from collections import Counter
+from typing import Any
 
 import numpy as np
 import pytest
 
 from mountnav.pointing.model.fit import fit
+from mountnav.pointing.model.leave_one_out import loo_rms
 from mountnav.pointing.model.linear import Segments, ZeroPoints, solve
 from mountnav.pointing.model.robust import robust_fit
-from mountnav.pointing.model.selection import loo_rms, select
+from mountnav.pointing.model.selection import select
 from mountnav.pointing.model.terms import NON_PERPENDICULARITY
 from tests.pointing.model.model_data import pmfit, spoiled, telescope
 
@@ -63,7 +65,7 @@ def test_spoiled_data_are_no_worse_than_the_core(shared):
 @pytest.mark.long
 def test_true_terms_are_found_and_noise_is_not():
     truth = {"CH": 60.0, "ME": 80.0, "MA": -40.0, "TF": 30.0, "HHSH2": 25.0, "FO": 20.0}
-    chosen = Counter()
+    chosen: Counter[Any] = Counter()
     for seed in range(6):
         s = select(telescope("equatorial", truth, n=80, noise_arcsec=3.0, seed=seed))
         assert {"CH", "ME", "MA", "HHSH2", "FO"} <= set(s.terms), s.terms

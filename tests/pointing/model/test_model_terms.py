@@ -1,6 +1,7 @@
 """The table of terms against rotations made from scratch here, and against the rigorous form."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -123,7 +124,7 @@ def test_names():
     }
     assert set(ALTAZ) >= {"IA", "IE", "CA", "NPAE", "AN", "AW", "TF", "TX", "ACES", "ACEC"}
     lon, lat = np.array([0.4]), np.array([0.3])
-    told = {
+    told: dict[tuple[Any, str], tuple[float, float]] = {
         ("equatorial", "HHSH2"): (math.sin(0.8) * math.cos(0.3), 0),
         ("equatorial", "HDCH3"): (0, math.cos(1.2)),
         ("equatorial", "HXSH2CD"): (math.sin(0.8) * math.cos(0.3), 0),
@@ -134,7 +135,7 @@ def test_names():
     }
     for (kind, name), value in told.items():
         assert basis(kind, [name], lon, lat, LATITUDE)[0, :, 0] == pytest.approx(value)
-    for kind, name in (
+    unknown: tuple[tuple[Any, str], ...] = (
         ("equatorial", "CA"),
         ("altaz", "CH"),
         ("equatorial", "HQSH2"),
@@ -142,7 +143,8 @@ def test_names():
         ("altaz", "HASA0"),
         ("equatorial", "ih"),
         ("equatorial", ""),
-    ):
+    )
+    for kind, name in unknown:
         with pytest.raises(BadRequest, match="no term"):
             term(kind, name)
 

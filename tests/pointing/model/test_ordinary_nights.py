@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,7 +62,7 @@ def test_one_leave_one_out_everywhere_and_what_is_unknown_is_told(given):
     model = model_of(made.fit, made_utc=START)
     loo = made.fit.loo_arcsec
     assert made.judged.new_loo_arcsec == model.loo_arcsec == loo
-    record = fit_record(made, model, None)
+    record: Any = fit_record(made, model, None)
     told = record["loo_arcsec"], record["judgement"]["new_loo_arcsec"], record["model"]["loo_arcsec"]
     assert told == (loo, loo, loo)
     # the model's own lines are what `model show` prints

@@ -69,7 +69,7 @@ class AstapReader:
                     f"its head says {head.text!r}, records of {head.layout.size} bytes, but that of "
                     f"{first_path.name} says {self._head.text!r}, {self._head.layout.size} bytes",
                     device=path.name,
-                    advice="the folder mixes two editions of a database: copy one of them anew",
+                    advice="the folder mixes two editions of a database: copy one of them again",
                 )
         self.name = f"ASTAP {area.database.upper()}"
         self.band = self._head.band

@@ -6,6 +6,7 @@ import base64
 import time
 import zlib
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 from xml.sax.saxutils import escape, quoteattr
 
@@ -67,7 +68,7 @@ EMPTY = (
 STREAM = b"<?xml version='1.0'?>\n" + DEFINED + CHANGED + b"<!-- <a> -- -->" + SAID + DELETED + FILE + EMPTY
 
 
-def heard(stream: bytes, cuts: list[int]) -> list[object]:
+def heard(stream: bytes, cuts: list[int]) -> list[Any]:
     reader, events, at = Reader(), [], 0
     for cut in [*sorted(cuts), len(stream)]:
         events += reader.feed(stream[at:cut])

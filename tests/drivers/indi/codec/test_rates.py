@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from datetime import UTC, datetime
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -18,7 +19,7 @@ from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S
 _SANE = st.floats(-1e4, 1e4, allow_nan=False)
 
 
-def _property(name: str, perm: str = "rw", **values: float | bool) -> Property:
+def _property(name: str, perm: str = "rw", **values: Any) -> Property:
     return Property(
         device="Mount",
         name=name,
@@ -37,7 +38,7 @@ def _property(name: str, perm: str = "rw", **values: float | bool) -> Property:
 @given(_SANE, _SANE)
 def test_what_is_said_is_told_again(ra_arcsec_s: float, dec_arcsec_s: float) -> None:
     said = rates.said(OffsetRates(ra_arcsec_s, dec_arcsec_s))
-    told = rates.told(_property(rates.RATE, **said))
+    told = rates.told(_property(rates.RATE, "rw", **said))
     assert told is not None
     assert math.isclose(told.ra_arcsec_s, ra_arcsec_s, abs_tol=1e-11)
     assert told.dec_arcsec_s == dec_arcsec_s
@@ -96,7 +97,7 @@ def test_only_what_a_driver_carries_out_is_offered() -> None:
 
 def test_speeds_belong_to_switches_in_their_order() -> None:
     there = {
-        rates.SPEEDS: _property(rates.SPEEDS, **{"1x": False, "2x": True, "MAX": False}),
+        rates.SPEEDS: _property(rates.SPEEDS, "rw", **{"1x": False, "2x": True, "MAX": False}),
         **{name: _property(name) for name, _, _ in rates.MOTIONS.values()},
     }
     speeds = rates.speeds(there.get, (0.5, 2.0))

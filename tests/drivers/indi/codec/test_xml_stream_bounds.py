@@ -7,6 +7,7 @@ import socket
 import sys
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -52,7 +53,7 @@ ATTACKS = {
 }
 
 
-def heard(stream: bytes, lengths: Iterator[int]) -> list[object]:
+def heard(stream: bytes, lengths: Iterator[int]) -> list[Any]:
     reader, events, at = Reader(), [], 0
     while at < len(stream):
         length = next(lengths)
@@ -190,9 +191,9 @@ def test_numbers_of_any_length_are_read_or_refused(text: str) -> None:
     message = f"<newNumberVector device='east' name='A'>{number}</newNumberVector>"
     events = Reader().feed(STOP + message.encode() + STOP)
     assert (type(events[0]), type(events[2])) == (Ordered, Ordered)
-    assert isinstance(events[1], Malformed) or events[1] == messages.event_of(
-        ElementStream().feed(message.encode())[0]
-    )
+    (element,) = ElementStream().feed(message.encode())
+    assert isinstance(element, Element)
+    assert isinstance(events[1], Malformed) or events[1] == messages.event_of(element)
 
 
 async def longest_turn_s(work: asyncio.Task[None]) -> float:

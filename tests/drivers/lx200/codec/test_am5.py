@@ -193,4 +193,5 @@ async def test_a_spoiled_reading_is_asked_again(fault: Fault) -> None:
         await mount.reading()
         fake.add_fault(fault)
         reading = await mount.reading()
+        assert isinstance(reading.place, Apparent)
         assert separation_arcsec(reading.place, fake.mechanics.reported()) < 16.0

@@ -19,7 +19,7 @@ from drivers.lx200.codec.angles import (
 )
 from drivers.lx200.codec.base import Answer
 from drivers.lx200.codec.onstep import Status
-from drivers.lx200.fake.onstep import bits, flags
+from drivers.lx200.fake.onstep import flags
 from drivers.wire.command import Command, Unreadable
 from mountnav.devices import Direction, PierSide, TrackingRate
 from mountnav.errors import Refusal
@@ -76,10 +76,9 @@ def whole(command: Command[Any], reply: bytes) -> Any:
 
 
 @given(statuses(), st.sampled_from("EKAL"), st.integers(0, 9))
-def test_flags_and_bytes_tell_the_same(status: Status, mounting: str, rate: int) -> None:
+def test_flags_tell_the_status(status: Status, mounting: str, rate: int) -> None:
     status = replace(status, equatorial=mounting in "EK")
     assert whole(codec.STATUS, flags(status, mounting, rate)) == status
-    assert whole(codec.STATUS_BITS, bits(status, mounting, rate)) == status
 
 
 @pytest.mark.parametrize(
@@ -124,15 +123,6 @@ def test_flags_of_the_firmware_are_understood(reply: bytes, status: Status | dic
 def test_what_is_no_status_is_refused(reply: bytes) -> None:
     with pytest.raises(Unreadable):
         codec.STATUS.read(reply, False)
-
-
-@pytest.mark.long
-@given(statuses(), st.integers(0, 60), st.integers(0, 7))
-def test_a_status_byte_without_its_high_bit_is_refused(status: Status, place: int, bit: int) -> None:
-    reply = bytearray(bits(status, "E", 1))
-    reply[place % 9] ^= 0x80
-    with pytest.raises(Unreadable):
-        codec.STATUS_BITS.read(bytes(reply), False)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -12,16 +11,14 @@ from hypothesis import strategies as st
 
 from drivers.fakes.faults import Fault
 from drivers.lx200.codec import tenmicron as codec
-from drivers.lx200.codec import tenmicron as model
 from drivers.lx200.codec.base import Answer
-from drivers.lx200.codec.tenmicron import ModelPoint, MountStatus
-from drivers.lx200.fake.tenmicron import point_from_text
+from drivers.lx200.codec.tenmicron import MountStatus
 from drivers.wire.command import Command, Unreadable
 from mountnav.clock import utc_now
 from mountnav.devices import PierSide, SlewOutcome, SyncOutcome, TrackingRate
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.sky.coordinates import Apparent
-from mountnav.sky.sphere import half_turn_deg, separation_arcsec
+from mountnav.sky.sphere import separation_arcsec
 from mountnav.testing.check_mount import check_mount
 from tests.drivers.lx200.german_fakes import SITE, beside, german, opened
 
@@ -142,48 +139,22 @@ def test_clock_sides_and_status() -> None:
             command.read(reply, False)
 
 
-angles = st.floats(0.0, 359.999)
-declinations = st.floats(-90.0, 90.0)
-
-
-@given(angles, declinations, st.sampled_from([PierSide.EAST, PierSide.WEST]), angles, declinations, angles)
-def test_points_of_a_model_come_back(
-    ra_deg: float, dec_deg: float, side: PierSide, seen_ra_deg: float, seen_dec_deg: float, lst_deg: float
-) -> None:
-    point = ModelPoint(ra_deg, dec_deg, side, seen_ra_deg, seen_dec_deg, lst_deg)
-    sent = model.add_to_model(point).sent
-    assert sent.startswith(b":newalpt")
-    back = point_from_text(sent[8:-1])
-    assert back.pier_side is side
-    for name in ("mount_ra_deg", "mount_dec_deg", "seen_ra_deg", "seen_dec_deg", "sidereal_deg"):
-        assert abs(half_turn_deg(getattr(back, name) - getattr(point, name))) * 3600.0 < 0.08
-
-
 def test_a_model_is_entered_and_counted() -> None:
     fake = german("10micron")
-    point = ModelPoint(10.0, 20.0, PierSide.WEST, 10.01, 20.01, 40.0)
-    assert whole(model.add_to_model(point), fake.feed(model.add_to_model(point).sent)) is None
-    assert whole(model.BEGIN_MODEL, fake.feed(model.BEGIN_MODEL.sent)) is True
-    for number in (1, 2, 3):
-        add = model.add_to_model(replace(point, mount_ra_deg=10.0 * number))
-        assert whole(add, fake.feed(add.sent)) == number
-    assert whole(model.END_MODEL, fake.feed(model.END_MODEL.sent)) is True
+
+    def point(number: int) -> bytes:
+        return b":newalpt%02d:00:00.00,+20:00:00.0,W,00:40:02.40,20:00:36.0,02:40:00.00#" % number
+
+    assert fake.feed(point(1)) == b"E#"
+    assert fake.feed(b":newalig#") == b"V#"
+    assert [fake.feed(point(number)) for number in (1, 2, 3)] == [b"001#", b"002#", b"003#"]
+    assert fake.feed(b":endalig#") == b"V#"
     assert fake.feed(b"#:getalst#") == b"3#"
-    assert whole(model.BEGIN_MODEL, fake.feed(model.BEGIN_MODEL.sent)) is True
+    assert fake.feed(b":newalig#") == b"V#"
     # too few points make none, and the old one stays
-    assert whole(model.END_MODEL, fake.feed(model.END_MODEL.sent)) is False
+    assert fake.feed(b":endalig#") == b"E#"
     assert fake.feed(b"#:getalst#") == b"3#"
-    with pytest.raises(ValueError, match="side of the pier"):
-        model.add_to_model(replace(point, pier_side=PierSide.UNKNOWN))
     assert fake.unknown == []
-
-
-def test_refraction_is_set_only_to_what_air_can_be() -> None:
-    assert codec.set_pressure(980.25).sent == b":SRPRS0980.2#"
-    assert codec.set_temperature(-3.0).sent == b":SRTMP-003.0#"
-    for order in (lambda: codec.set_pressure(10.0), lambda: codec.set_temperature(300.0)):
-        with pytest.raises(ValueError, match="makes no sense"):
-            order()
 
 
 # -- on the wire -----------------------------------------------------------------------------------
@@ -290,4 +261,5 @@ async def test_a_spoiled_reading_is_asked_again(fault: Fault) -> None:
         await mount.reading()
         fake.add_fault(fault)
         reading = await mount.reading()
+        assert isinstance(reading.place, Apparent)
         assert separation_arcsec(reading.place, fake.mechanics.reported()) < 1.0

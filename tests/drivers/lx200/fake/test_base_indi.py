@@ -114,9 +114,10 @@ async def abort(indi: Indi, fake: FakeLx200) -> None:
 
 
 async def rates(indi: Indi, fake: FakeLx200) -> None:
-    for switch, rate in (("TRACK_LUNAR", TrackingRate.LUNAR), ("TRACK_SIDEREAL", TrackingRate.SIDEREAL)):
-        await indi.give("Switch", "TELESCOPE_TRACK_MODE", **{switch: "On"})
-        await indi.until(lambda rate=rate: fake.mechanics.rate is rate, f"tracking at the {rate} rate")
+    await indi.give("Switch", "TELESCOPE_TRACK_MODE", TRACK_LUNAR="On")
+    await indi.until(lambda: fake.mechanics.rate is TrackingRate.LUNAR, "tracking at the lunar rate")
+    await indi.give("Switch", "TELESCOPE_TRACK_MODE", TRACK_SIDEREAL="On")
+    await indi.until(lambda: fake.mechanics.rate is TrackingRate.SIDEREAL, "tracking at the sidereal rate")
 
 
 async def park(indi: Indi, fake: FakeLx200, judge: Judge) -> None:
