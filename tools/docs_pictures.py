@@ -273,6 +273,8 @@ def page() -> None:
             shown.wait_for_timeout(3000)  # charts are drawn from several answers
         for name, shown in (("page-centering", screen), ("page-phone", phone)):
             _kept(shown.screenshot(), name)
+        # for the README: what fits on a screen
+        _kept(screen.screenshot(clip={"x": 0, "y": 0, "width": 1560, "height": 720}), "page-wide")
         for name, shown in (("page-night", screen), ("page-phone-night", phone)):
             shown.locator("#night-mode").click()
             shown.evaluate("window.scrollTo(0, 0)")
