@@ -194,7 +194,7 @@ SITE: tuple[Member, ...] = (
         why_not=_SET_ONCE,
     ),
     # what the tube holds back of its aperture no setting tells
-    Member("GET", "aperturearea", nothing, able=never, default=0.0, why_not="no setting tells it"),
+    Member("GET", "aperturearea", nothing, able=never, default=0.0, why_not="no setting gives it"),
     Member(
         "GET",
         "aperturediameter",
@@ -355,7 +355,7 @@ _STATES = (
     ("UTCDate", utc_date, _any),
 )
 
-_FLIP = "a flip is checked, and centered anew, by the service: POST /v1/telescopes/{id}/flip"
+_FLIP = "a flip is checked, and centered again, by the service: POST /v1/telescopes/{id}/flip"
 _CLOCK = "the time is the clock's of the service's machine"
 
 READING: tuple[Member, ...] = (

@@ -148,7 +148,7 @@ def options_of(recipe: Recipe) -> RunOptions:
     try:
         return RunOptions(**recipe.options)
     except TypeError as fault:
-        raise BadRequest(f"the recipe's options are of another mountnav: {fault}") from fault
+        raise BadRequest(f"the recipe's options are of another version of mountnav: {fault}") from fault
 
 
 def _date(text: str) -> datetime | None:
@@ -157,7 +157,7 @@ def _date(text: str) -> datetime | None:
     try:
         found = datetime.fromisoformat(text)
     except ValueError as fault:
-        raise BadRequest(f"--undated {text!r} is no date", advice="write it as 1958-07-01") from fault
+        raise BadRequest(f"--undated {text!r} is not a date", advice="write it as 1958-07-01") from fault
     return found if found.tzinfo is not None else found.replace(tzinfo=UTC)
 
 

@@ -88,7 +88,7 @@ app.add_typer(solver_app, name="solver")
 
 @app.callback(invoke_without_command=True)
 def top(
-    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
 ) -> None:
     """Finds out where a telescope really points, and puts it where it should."""
     if version:

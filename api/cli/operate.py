@@ -67,7 +67,7 @@ class OrderOptions(BriefOptions):
     """Options of an order to one telescope."""
 
     detach: Annotated[
-        bool, typer.Option("--detach", help="Leave when it has begun; it goes on in the service.")
+        bool, typer.Option("--detach", help="Exit as soon as it has begun; it goes on in the service.")
     ] = False
 
 
@@ -263,7 +263,7 @@ def _state_words(state: TelescopeState) -> list[str]:
     lines += [f"  problem: {state['problem']}"] if state["problem"] else []
     lines += [f"  {state['contradiction']}"] if state["contradiction"] else []
     if state["trusted"] is False:
-        lines.append("  its position doesn't count: `mountnav first-light`, or a recovery")
+        lines.append("  its position is not trusted: `mountnav first-light`, or a recovery")
     return lines + [f"  warning: {words}" for words in state["warnings"]]
 
 
@@ -428,7 +428,7 @@ def track(options: TrackOptions) -> None:
         how, ra, dec, for_s = options.how, options.ra, options.dec, options.for_s
         if how == "rates":
             if ra is None or dec is None:
-                raise BadRequest("rates need both --ra and --dec", advice="0 for the one that is none")
+                raise BadRequest("rates need both --ra and --dec", advice="give 0 for a rate that is zero")
             what = orders.offset_rates(ra, dec, for_s=for_s)
         elif ra is not None or dec is not None or for_s is not None:
             raise BadRequest(f"--ra, --dec and --for are of rates, not of {how}", advice="`track rates ...`")
@@ -483,7 +483,7 @@ def _until(text: str) -> datetime:
     try:
         at = datetime.fromisoformat(text)
     except ValueError:
-        raise BadRequest(f"{text!r} is no time", advice="like 2026-11-26T03:40 (UTC)") from None
+        raise BadRequest(f"{text!r} is not a time", advice="like 2026-11-26T03:40 (UTC)") from None
     return at if at.tzinfo is not None else at.replace(tzinfo=UTC)
 
 
@@ -527,7 +527,7 @@ def _only_one(client: Client) -> str:
     """The telescope that is meant where none was named."""
     ids = [state["id"] for state in client.telescopes()]
     if len(ids) != 1:
-        raise BadRequest("which telescope is not said", advice=f"--telescope, one of: {', '.join(ids)}")
+        raise BadRequest("there are several telescopes", advice=f"--telescope, one of: {', '.join(ids)}")
     return ids[0]
 
 
@@ -597,7 +597,7 @@ def _result_words(job: Job) -> str:
             return f"sync {result['outcome']}"
         case "offset-rates":
             if result["ends_utc"] is None:
-                return "tracks as for a star"
+                return "tracks at the sidereal rate"
             return (
                 f"tracks at {_number(result['ra_arcsec_s'], 4)}″/s in RA, "
                 f"{_number(result['dec_arcsec_s'], 4)}″/s in Dec until {_clock(result['ends_utc'])}"

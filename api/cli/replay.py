@@ -26,7 +26,8 @@ def replay(
         float, typer.Option(min=0, help="Seconds of the night in one of yours; 0: as fast as it goes.")
     ] = 0.0,
     solve: Annotated[
-        bool, typer.Option("--solve/--no-solve", help="Identify the frames anew where their files are there.")
+        bool,
+        typer.Option("--solve/--no-solve", help="Identify the frames again where their files are there."),
     ] = True,
     wire: Annotated[
         bool,
@@ -151,11 +152,14 @@ def shown(played: Played, *, every: bool) -> str:
             lines += [f"      then: {row.recorded}", f"      now:  {row.replayed}"]
     others = sum(not row.same for row in report.rows)
     lines.append(
-        f"{report.frames} frames, {report.solved_anew} identified anew; {len(report.rows)} decisions judged, "
+        f"{report.frames} frames, {report.solved_anew} identified again; "
+        f"{len(report.rows)} decisions judged, "
         + ("all as they were" if not others else f"{others} otherwise")
     )
     if report.not_judged:
-        lines.append(f"{report.not_judged} decisions could not be judged: what they hang on is not recorded")
+        lines.append(
+            f"{report.not_judged} decisions could not be judged: what they depend on was not recorded"
+        )
     if report.missing:
         lines.append(f"{len(report.missing)} files are gone or changed: their recorded solutions were taken")
     if report.after_missing:

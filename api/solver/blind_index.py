@@ -77,7 +77,7 @@ class BlindIndexKeeper:
         except MountnavError as error:
             self._trouble = str(error)
         except Exception as error:  # hinted frames are solved all the same
-            _log.exception("looking for the blind index hit a fault")
+            _log.exception("looking for the blind index failed unexpectedly")
             self._trouble = f"it could not be looked for: {type(error).__name__}; the log has more"
 
     async def wait(self, wait_s: float) -> Path | None:
@@ -116,7 +116,7 @@ class BlindIndexKeeper:
         except (ProcessEnded, MountnavError) as error:
             self._trouble = f"it could not be built: {error}"
         except Exception as error:
-            _log.exception("building the blind index hit a fault")
+            _log.exception("building the blind index failed unexpectedly")
             self._trouble = f"it could not be built: {type(error).__name__}; the log has more"
         finally:
             self._share = None

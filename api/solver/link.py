@@ -135,7 +135,7 @@ class ProcessLink:
         except BadAnswer as error:
             self.kill()
             raise ProcessEnded(
-                f"process {self.pid} was ended, for it sent no answer of ours: {error}"
+                f"process {self.pid} was ended, because it sent an invalid answer: {error}"
             ) from error
         except (OSError, EOFError) as error:
             raise await asyncio.to_thread(self._how) from error

@@ -34,7 +34,7 @@ def embedded_catalog() -> PackedStore:
     if not EMBEDDED_PATH.is_file():
         raise BadSettings(
             f"the embedded star catalog is missing: {EMBEDDED_PATH}",
-            advice="install mountnav anew, or build the file: python tools/build_tycho2.py (tools/README.md)",
+            advice="reinstall mountnav, or build the file: python tools/build_tycho2.py (tools/README.md)",
         )
     return PackedStore(EMBEDDED_PATH)
 
@@ -59,5 +59,5 @@ def verify_embedded() -> None:
             0,
             f"a file of sha256 {EMBEDDED_COLORS_SHA256}",
             found,
-            advice="install mountnav anew, or build the file: python tools/build_tycho2.py (tools/README.md)",
+            advice="reinstall mountnav, or build the file: python tools/build_tycho2.py (tools/README.md)",
         )

@@ -547,7 +547,7 @@ class _Walk:
     def _sealed_or_not(self, row: Mapping[str, Any], no: int, sha256: str) -> None:
         held = _seal_holds(row["seal"], self._keys, "row", no, sha256)
         if held is False:
-            raise _Broken(row["row_id"], no, "it was altered, and its hash made anew: its seal doesn't fit")
+            raise _Broken(row["row_id"], no, "it was altered, and its hash made again: its seal doesn't fit")
         if held is None:
             self._note(no, no, "rows")
         else:

@@ -140,7 +140,7 @@ AimPoint = PixelPoint | OffsetPoint
 
 def _require_numbers(name: str, *values: float) -> None:
     if not all(math.isfinite(value) for value in values):
-        raise BadSettings(f"point {name or 'of the order'}: {values} are no numbers")
+        raise BadSettings(f"point {name or 'of the order'}: {values} are not numbers")
 
 
 def by_name(points: tuple[AimPoint, ...], name: str, *, device: str | None = None) -> AimPoint:
@@ -209,7 +209,7 @@ def _binned_by(point: PixelPoint, frame: FrameSize) -> float:
             raise BadRequest(
                 f"{point} was measured in a frame of {point.width_px}×{point.height_px} pixels, and the "
                 f"camera's is {frame.width_px}×{frame.height_px}: another part of the chip, or another one",
-                advice="read out the whole chip, or measure the point anew",
+                advice="read out the whole chip, or measure the point again",
             )
     return factor
 

@@ -131,7 +131,7 @@ async def compare_frame(
     if middle is None:
         raise BadFrame(
             f"{frame.source}: no time of exposure in the frame",
-            advice="let the camera write DATE-OBS and EXPTIME: without them a frame can't be compared",
+            advice="make the camera write DATE-OBS and EXPTIME: without them a frame can't be compared",
         )
     look_id = new_id()
     with because(look_id=look_id):
@@ -293,7 +293,7 @@ async def _require_same_side(equipment: Equipment, slewing: Slewing, found: Look
     raise SyncRefused(
         words,
         device=equipment.name,
-        advice="let it change sides by an order (flip), which centers the target anew",
+        advice="let it change sides by an order (flip), which centers the target again",
         doubts=(SyncDoubt.NEAR_MERIDIAN,),
     )
 

@@ -127,8 +127,8 @@ _SWAP = "UPDATE audit SET {0} = (SELECT other.{0} FROM audit AS other WHERE othe
         (_sql("UPDATE audit SET request = '{' WHERE row_id = 3"), 3, "altered"),
         (_sql("UPDATE audit SET status = x'ff' WHERE row_id = 3"), 3, "altered"),
         (_sql("UPDATE audit SET job_id = NULL WHERE row_id = 9"), 9, "altered"),
-        (_rehashed, 5, "altered, and its hash made anew"),
-        (_closed_up, 5, "altered, and its hash made anew"),
+        (_rehashed, 5, "altered, and its hash made again"),
+        (_closed_up, 5, "altered, and its hash made again"),
         (_sql("DELETE FROM audit WHERE row_id = 4"), 5, "1 row before it was removed (number 4)"),
         (_sql("DELETE FROM audit WHERE row_id < 4"), 4, "3 rows before it were removed (numbers 1 to 3)"),
         (_sql("DELETE FROM audit WHERE row_id > 7"), None, "rows 8 to 9 were removed from the end"),
@@ -402,7 +402,7 @@ def test_the_command_line_proves_and_names(copy: Path, tmp_path: Path) -> None:
         return result.exit_code, result.output
 
     code, told = run()
-    assert (code, "nothing was altered" in told, "it stands at 9:" in told) == (0, True, True)
+    assert (code, "nothing was altered" in told, "it is now at 9:" in told) == (0, True, True)
     head = json.loads(run("--json")[1])["head"]
     assert run("--expect", head)[0] == 0
     assert run("--expect", "10:" + "0" * 64)[0] == 1
@@ -414,7 +414,7 @@ def test_the_command_line_proves_and_names(copy: Path, tmp_path: Path) -> None:
     assert (code, told.startswith("BROKEN: row 6 (number 6): it was altered")) == (1, True)
     os.unlink(key)
     code, told = run()
-    assert (code, "no key is at hand" in told) == (1, True)
+    assert (code, "no key is available" in told) == (1, True)
     assert datetime.now(UTC) > at(0)
 
 

@@ -77,7 +77,7 @@ async def center_telescope(ordering: TheOrdering, body: _Center) -> JobView:
 
 @router.post("/flip", status_code=202, responses=STARTING)
 async def flip_telescope(ordering: TheOrdering, body: FlipBody) -> JobView:
-    """Let a German mount change sides, and center the target anew, whatever was synced before."""
+    """Let a German mount change sides, and center the target again, whatever was synced before."""
     return await ordering.take(body.order(FlipOrder))
 
 

@@ -35,7 +35,7 @@ async def get_sky(
     """Sidereal time, Sun and Moon, the telescope's way over the sky, and the limit that it will reach first.
 
     With `ra_deg` and `dec_deg` also where that place stands, and whether it lies within the limits: an
-    answer of this moment, which every slew asks anew.
+    answer of this moment, which every slew asks again.
     """
     asked = None if ra_deg is None or dec_deg is None else Icrs(ra_deg, dec_deg)
     snapshot = service.dispatcher.watch(telescope.id).latest

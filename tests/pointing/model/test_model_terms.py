@@ -143,7 +143,7 @@ def test_names():
         ("equatorial", "ih"),
         ("equatorial", ""),
     ):
-        with pytest.raises(BadRequest, match="no term"):
+        with pytest.raises(BadRequest, match="not a term"):
             term(kind, name)
 
 
