@@ -35,7 +35,7 @@ RECORDINGS = {
     "terminal-refused": ["mountnav center 'Sigma Octantis'", "mountnav stop"],
 }
 """Name of the picture, and the commands that it shows."""
-SERVICE = ["serve", "--demo", "--at", "2026-12-01T20:00:00Z", "--speed", "10", "--seed", "7"]
+SERVICE = ["serve", "--demo", "--at", "2026-12-01T20:00:00Z", "--speed", "2", "--seed", "7"]
 
 _STYLE = """
   .box { fill: #eef1f8; stroke: #3f51b5; stroke-width: 1.5 }

@@ -145,7 +145,7 @@ def _telling(command: str, service: str, as_json: bool) -> Iterator[_Said]:
             said.fail(
                 {
                     "title": "no address",
-                    "detail": f"that is no address of a service: {error}",
+                    "detail": f"that is not the address of a service: {error}",
                     "device": service,
                     "advice": f"like {LOCAL_SERVICE}",
                 },
@@ -559,6 +559,10 @@ def event_words(kind: str, data: dict[str, Any]) -> str:
             return f"look {data.get('number')}: {_number(data.get('error_arcsec'), 1)}″ off"
         case "synced":
             return f"synced: {data.get('outcome')}"
+        case "flipped":
+            return f"changed sides of the pier: {data.get('from')} to {data.get('to')}"
+        case "tactic":
+            return f"looks again ({str(data.get('tactic')).replace('-', ' ')}): {data.get('why')}"
         case "job":
             problem = data.get("problem")
             why = f": {problem.get('detail')}" if isinstance(problem, dict) else ""
@@ -584,9 +588,8 @@ def _result_words(job: Job) -> str:
                 f"{_number(result['tolerance_arcsec'], 0)}″) after {len(result['attempts'])} looks"
             )
         case "slew":
-            return (
-                f"{result['outcome']}, {_number(result['miss_arcsec'], 1)}″ from the target by its own word"
-            )
+            miss = _number(result["miss_arcsec"], 1)
+            return f"{result['outcome']}, {miss}″ from the target by its own reading"
         case "look":
             offset, seen = result["offset"], result["seen"]
             return (

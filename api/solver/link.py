@@ -296,7 +296,7 @@ def pixels_in(file: int, told: Done) -> NDArray[np.generic]:
     with FileIO(file, closefd=False) as opened:
         content = OnDisk(opened)
         if count > MOST_PIXELS or len(content) != count * kind.itemsize:
-            raise ProcessEnded(f"the solver told of {count} pixels and left {len(content)} bytes")
+            raise ProcessEnded(f"the solver announced {count} pixels and left {len(content)} bytes")
         try:
             return stored(content, kind, count, 0).reshape(told.shape)
         except EOFError as fault:

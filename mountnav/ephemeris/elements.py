@@ -74,7 +74,9 @@ class Covariance:
         e, q, tp, *angles = self.elements
         orbit = 0.0 <= e <= _MOST_ECCENTRICITY and _LEAST_Q_AU <= q <= _MOST_Q_AU
         if not (orbit and abs(tp) < 1e8 and all(abs(one) <= 720.0 for one in angles)):
-            raise BadRequest("the covariance belongs to elements that are no orbit around the Sun")
+            raise BadRequest(
+                "the covariance belongs to elements that do not describe an orbit around the Sun"
+            )
 
 
 @dataclass(frozen=True, slots=True)

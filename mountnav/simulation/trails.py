@@ -62,7 +62,7 @@ class SatelliteTrail:
     def __post_init__(self) -> None:
         values = (self.x0_px, self.y0_px, self.x1_px, self.y1_px, self.adu_per_px, self.fwhm_px)
         if not all(math.isfinite(value) for value in values):
-            raise BadSettings("a satellite trail has a value that is no number")
+            raise BadSettings("a satellite trail has a value that is not a number")
         if self.fwhm_px <= 0 or self.adu_per_px < 0:
             raise BadSettings("a satellite trail needs a width above 0 and no negative light")
         if self.x0_px == self.x1_px and self.y0_px == self.y1_px:

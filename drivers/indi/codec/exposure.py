@@ -68,7 +68,7 @@ def _decoded(pieces: Iterable[bytes]) -> bytearray:
         if carried:
             plain += binascii.a2b_base64(carried)
     except binascii.Error as fault:
-        raise BrokenBlob(f"that is no base64: {fault}") from fault
+        raise BrokenBlob(f"that is not base64: {fault}") from fault
     return plain
 
 
