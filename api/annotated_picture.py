@@ -84,7 +84,7 @@ def annotated_png(frame: Frame, verdict: Verdict, solution: Solution) -> bytes:
         f"RA {solution.center.ra_deg:.5f}°  Dec {solution.center.dec_deg:+.5f}°  "
         f'{solution.scale_arcsec_px:.3f}"/px  rotation {solution.rotation_deg:.2f}°\n'
         f'{solution.pairs} stars, rms {solution.rms_arcsec:.2f}", '
-        f"false with a chance of {solution.false_probability:.0e}; {verdict.measured} sources"
+        f"false with probability {solution.false_probability:.0e}; {verdict.measured} sources"
     )
     draw.multiline_text((size // 2, size // 2), text, fill=MIDDLE, font=font, stroke_width=2, stroke_fill=0)
     content = io.BytesIO()

@@ -98,16 +98,16 @@ _TITLES = {
     "device-garbled": "The device's answers make no sense",
     "device-refused": "The device refused",
     "camera-stale": "The camera hands out old frames",
-    "refused-but-done": "The device refused, and did it all the same",
+    "refused-but-done": "The device refused, but did it anyway",
     "sync-ignored": "The mount accepted a sync and ignored it",
-    "sync-elsewhere": "The mount took a sync for another place",
+    "sync-elsewhere": "The mount synced to another place",
     "solve-failed": "The frame could not be identified",
     "offset-too-large": "The offset is too large to be believed",
     "outside-limits": "The target is outside the limits",
-    "sync-refused": "The frame is not synced on",
+    "sync-refused": "The mount was not synced on this frame",
     "sync-undone": "A sync was contradicted, and undone",
     "sync-undo-failed": "A sync was contradicted, and could not be undone",
-    "model-refused": "The pointing model is not taken",
+    "model-refused": "The pointing model was refused",
     "journal-failed": "The journal can't be written",
     "mount-moved": "The mount moved during the exposure",
     "target-not-reached": "The target was not reached",
@@ -118,21 +118,21 @@ _TITLES = {
     "store-failed": "The store of results can't be written",
     "results-differ": "The same frames gave other results",
     "bad-request": "The request makes no sense",
-    "not-found": "There is nothing of that name",
+    "not-found": "Nothing has that name",
     "busy": "The telescope is busy",
     "cancelled": "Stopped on request",
-    "interrupted": "A restart of the service came between",
+    "interrupted": "The service was restarted meanwhile",
     "unauthorized": "A key is needed",
-    "forbidden": "Not from there",
+    "forbidden": "Not allowed from that address",
     "role-too-low": "That key may not do this",
     "leased": "Somebody else holds the lease",
-    "lease-lost": "The lease is over",
+    "lease-lost": "The lease has ended",
     "too-many-requests": "Too many requests",
     "too-many-connections": "Too many connections",
     "too-large": "The body is too large",
     "idempotency-key-reused": "The Idempotency-Key was used for another request",
-    "closing": "The service is going down",
-    "method-not-allowed": "There is no such method here",
+    "closing": "The service is shutting down",
+    "method-not-allowed": "This address does not take that method",
     "not-ready": "The service is not ready",
     "stop-failed": "Not every telescope could be told to stop",
     "internal": "A fault in mountnav",
@@ -284,12 +284,12 @@ def install(app: FastAPI) -> None:
         if error.status_code == 405:
             # the router tells only of the first route with this path
             headers["Allow"] = ", ".join(_methods_here(request))
-        advice = "GET /docs tells what there is" if error.status_code in (404, 405) else None
+        advice = "GET /docs lists what there is" if error.status_code in (404, 405) else None
         return problem_response(problem(slug, error.status_code, str(error.detail), advice=advice), headers)
 
     @app.exception_handler(Exception)
     async def unforeseen(request: Request, error: Exception) -> Response:
-        _log.error("unforeseen error in %s %s", request.method, request.url.path, exc_info=error)
+        _log.error("unexpected error in %s %s", request.method, request.url.path, exc_info=error)
         return problem_response(internal_problem())
 
 
@@ -300,7 +300,7 @@ def _advice(request: Request, error: RequestValidationError) -> str:
     if isinstance(error.body, bytes) and error.body and not is_json:
         # such as `curl -d` sends it: the body was not even read as JSON
         return f"send the header Content-Type: application/json (it is {kind or 'missing'})"
-    return "docs/reference/api.md and /docs tell what is expected"
+    return "docs/reference/api.md and /docs describe what is expected"
 
 
 def _methods_here(request: Request) -> list[str]:
@@ -321,7 +321,7 @@ def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
     described = {
         400: "The body can't be read",
         401: "A key is needed",
-        404: "Nothing of that name",
+        404: "Nothing has that name",
         409: "Busy",
         413: "Too large",
         429: "Too many requests",

@@ -209,7 +209,7 @@ def _no_line(parts: UrlParts, family: Family) -> tuple[str, str]:
         else f"{driver}+serial://{path or '/dev/ttyUSB0'}"
     )
     if not transport:
-        return "doesn't say over which line", f"write {meant}; {lines}"
+        return "doesn't say which line to use", f"write {meant}; {lines}"
     return f"names the line {transport}", f"{lines}; write {meant}"
 
 

@@ -61,10 +61,10 @@ def toml_of(text: str) -> dict[str, Any]:
         raise _toml_fault("Nested too deep", text, _deepest(text)) from None
     except (ValueError, OverflowError) as fault:
         number = _LONG_NUMBER.search(text)
-        what = "Number of too many digits" if number else f"Invalid value: {fault}"
+        what = "Number with too many digits" if number else f"Invalid value: {fault}"
         raise _toml_fault(what, text, number.start() if number else 0) from fault
     if _holds_too_large(values):
-        raise _toml_fault("Number of too many digits", text, _longest_number(text))
+        raise _toml_fault("Number with too many digits", text, _longest_number(text))
     return values
 
 
@@ -95,7 +95,7 @@ def json_of(text: str | bytes | bytearray) -> Any:
         plain = text if isinstance(text, str) else text.decode("utf-8", "replace")
         if isinstance(fault, RecursionError):
             raise json.JSONDecodeError("Nested too deep", plain, _deepest(plain)) from None
-        raise json.JSONDecodeError("Number of too many digits", plain, _longest_number(plain)) from fault
+        raise json.JSONDecodeError("Number with too many digits", plain, _longest_number(plain)) from fault
 
 
 def repeated(names: Iterable[_Name]) -> list[_Name]:
@@ -118,7 +118,7 @@ def repeated(names: Iterable[_Name]) -> list[_Name]:
 def _whole(digits: str) -> int:
     number = int(digits)
     if abs(number) > MOST_WHOLE:
-        raise ValueError("a whole number of too many digits")
+        raise ValueError("a number with too many digits")
     return number
 
 

@@ -85,7 +85,7 @@ def begun(work: Coroutine[Any, Any, T], name: str, *, died: Died) -> asyncio.Tas
     def ended(task: asyncio.Task[T]) -> None:
         fault = None if task.cancelled() else task.exception()
         if isinstance(fault, Exception):
-            _log.error("the task %s hit a fault", name, exc_info=fault)
+            _log.error("the task %s failed unexpectedly", name, exc_info=fault)
             died(fault)
 
     task.add_done_callback(ended)

@@ -74,5 +74,5 @@ def test_noise_of_any_length_is_cut_off_by_a_fake_mount() -> None:
     ],
 )
 def test_angles_of_no_mount_are_refused(text: str) -> None:
-    with pytest.raises(BadRequest, match=r"observation . of . holds an angle of no mount"):
+    with pytest.raises(BadRequest, match=r"observation . of . has an impossible angle"):
         read_observations_text(text)

@@ -57,7 +57,7 @@ def test_toml_is_refused_at_once(text: str) -> None:
 
 
 def test_the_place_is_told() -> None:
-    with pytest.raises(tomllib.TOMLDecodeError, match=r"Number of too many digits \(at line 2, column 5\)"):
+    with pytest.raises(tomllib.TOMLDecodeError, match=r"Number with too many digits \(at line 2, column 5\)"):
         toml_of(BAD_TOML["digits"])
     with pytest.raises(
         tomllib.TOMLDecodeError, match=r"Dotted key of more than 32 parts \(at line 2, column 1\)"
@@ -65,9 +65,11 @@ def test_the_place_is_told() -> None:
         toml_of(BAD_TOML["dots"])
     with pytest.raises(tomllib.TOMLDecodeError, match=r"Nested too deep \(at line 2, column \d+\)"):
         toml_of(BAD_TOML["brackets"])
-    with pytest.raises(tomllib.TOMLDecodeError, match=r"Number of too many digits \(at line 2, column 11\)"):
+    with pytest.raises(
+        tomllib.TOMLDecodeError, match=r"Number with too many digits \(at line 2, column 11\)"
+    ):
         toml_of(BAD_TOML["beyond floats"])
-    with pytest.raises(json.JSONDecodeError, match=r"Number of too many digits: line 1 column 9"):
+    with pytest.raises(json.JSONDecodeError, match=r"Number with too many digits: line 1 column 9"):
         json_of(BAD_JSON["beyond floats"])
     with pytest.raises(json.JSONDecodeError, match=r"Nested too deep: line 1"):
         json_of(BAD_JSON["closed"])

@@ -1,9 +1,10 @@
-"""Draw the pictures of the docs: terminal recordings of real commands, and diagrams.
+"""Draw the pictures of the docs: terminal recordings of real commands, the web page, and diagrams.
 
-    python tools/docs_pictures.py             # all, into docs/images; the recordings take two minutes
-    python tools/docs_pictures.py --diagrams  # the diagrams alone
+    python tools/docs_pictures.py             # all, into docs/images; two minutes
+    python tools/docs_pictures.py diagrams    # one kind alone: diagrams, terminals, page
 
-Recordings are those of a service that is started for them: the same night, mount and commands each time.
+Recordings and pages are those of a service that is started for them: the same night, mount and orders each
+time. The page needs playwright and chromium.
 """
 
 from __future__ import annotations
@@ -11,12 +12,18 @@ from __future__ import annotations
 import argparse
 import io
 import os
+import shutil
+import signal
 import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from rich.console import Console
 from rich.text import Text
@@ -28,7 +35,7 @@ RECORDINGS = {
     "terminal-refused": ["mountnav center 'Sigma Octantis'", "mountnav stop"],
 }
 """Name of the picture, and the commands that it shows."""
-SERVICE = ["serve", "--demo", "--at", "2026-12-01T20:00:00Z", "--speed", "10", "--seed", "7"]
+SERVICE = ["serve", "--demo", "--at", "2026-12-01T20:00:00Z", "--speed", "2", "--seed", "7"]
 
 _STYLE = """
   .box { fill: #eef1f8; stroke: #3f51b5; stroke-width: 1.5 }
@@ -179,44 +186,132 @@ def record(commands: list[str], environment: dict[str, str]) -> str:
     return drawn.replace("Fira Code", "ui-monospace")
 
 
-def _recordings() -> None:
+@dataclass(frozen=True)
+class Served:
+    """A virtual observatory that is running."""
+
+    url: str
+    process: subprocess.Popen[bytes]
+    environment: dict[str, str]
+
+
+@contextmanager
+def served() -> Iterator[Served]:
+    """Start a virtual observatory on a free port, with a journal of its own, and end it afterwards."""
     with socket.create_server(("127.0.0.1", 0)) as bound:
         port = bound.getsockname()[1]
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(ROOT),
-        "MOUNTNAV_SERVICE": f"http://127.0.0.1:{port}",
-        "COLUMNS": "100",
-    }
-    service = subprocess.Popen(
-        [sys.executable, "-m", "api.main", *SERVICE, "--port", str(port)],
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        while True:
-            with socket.socket() as asked:
-                if asked.connect_ex(("127.0.0.1", port)) == 0:
-                    break
-            if service.poll() is not None:
-                raise SystemExit("the service did not start")
-            time.sleep(0.2)
+    with TemporaryDirectory() as folder:
+        environment = {
+            **os.environ,
+            "PYTHONPATH": str(ROOT),
+            "MOUNTNAV_SERVICE": f"http://127.0.0.1:{port}",
+            "MOUNTNAV_JOURNAL": f"{folder}/journal.sqlite",
+            "COLUMNS": "100",
+        }
+        process = subprocess.Popen(
+            [sys.executable, "-m", "api.main", *SERVICE, "--port", str(port)],
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            while True:
+                with socket.socket() as asked:
+                    if asked.connect_ex(("127.0.0.1", port)) == 0:
+                        break
+                if process.poll() is not None:
+                    raise SystemExit("the service did not start")
+                time.sleep(0.2)
+            yield Served(environment["MOUNTNAV_SERVICE"], process, environment)
+        finally:
+            process.terminate()
+            process.wait()
+
+
+def terminals() -> None:
+    """Record the commands."""
+    with served() as service:
         for name, commands in RECORDINGS.items():
-            (IMAGES / f"{name}.svg").write_text(record(commands, environment), encoding="utf-8")
-    finally:
-        service.terminate()
-        service.wait()
+            (IMAGES / f"{name}.svg").write_text(record(commands, service.environment), encoding="utf-8")
+
+
+def _kept(picture: bytes, name: str) -> None:
+    """Write a picture with 256 colors: a third of the bytes, and nobody sees it."""
+    from PIL import Image
+
+    image = Image.open(io.BytesIO(picture)).convert("RGB").quantize(256, dither=Image.Dither.NONE)
+    image.save(IMAGES / f"{name}.png", optimize=True)
+
+
+def page() -> None:
+    """Take the web page: a star that was centered, by day and by night, on a phone, and without a service."""
+    from playwright.sync_api import sync_playwright
+
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    if program is None:
+        raise SystemExit("no chromium on this machine: apt-get install chromium")
+    known = "() => document.querySelector('#place-list dd').textContent !== '–'"
+    with served() as service, sync_playwright() as playwright:
+        for target in ("Capella", "Mirach"):
+            subprocess.run(
+                [sys.executable, "-m", "api.main", "center", target],
+                env=service.environment,
+                stdout=subprocess.DEVNULL,
+                check=True,
+            )
+        browser = playwright.chromium.launch(
+            executable_path=program, args=["--no-sandbox", "--disable-dev-shm-usage"]
+        )
+        screen = browser.new_page(viewport={"width": 1560, "height": 1330})
+        phone = browser.new_context(
+            viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True, device_scale_factor=2
+        ).new_page()
+        for shown in (screen, phone):
+            shown.goto(service.url)
+            shown.wait_for_function(known)
+            shown.wait_for_function("() => !document.body.textContent.includes('No frame yet')")
+            shown.wait_for_timeout(3000)  # charts are drawn from several answers
+        for name, shown in (("page-centering", screen), ("page-phone", phone)):
+            _kept(shown.screenshot(), name)
+        # for the README: what fits on a screen
+        _kept(screen.screenshot(clip={"x": 0, "y": 0, "width": 1560, "height": 720}), "page-wide")
+        for name, shown in (("page-night", screen), ("page-phone-night", phone)):
+            shown.locator("#night-mode").click()
+            shown.evaluate("window.scrollTo(0, 0)")
+            _kept(shown.screenshot(), name)
+        screen.locator("#night-mode").click()
+        screen.set_viewport_size({"width": 1560, "height": 620})
+        # a service that hangs: nothing is heard, nothing is closed
+        service.process.send_signal(signal.SIGSTOP)
+        try:
+            screen.wait_for_function("() => document.title.includes('No connection')")
+            screen.evaluate("window.scrollTo(0, 0)")
+            _kept(screen.screenshot(), "page-lost")
+        finally:
+            service.process.send_signal(signal.SIGCONT)
+        browser.close()
+
+
+def diagrams() -> None:
+    """Draw the diagrams."""
+    for name, draw in DIAGRAMS.items():
+        (IMAGES / f"{name}.svg").write_text(draw(), encoding="utf-8")
+
+
+KINDS = {"diagrams": diagrams, "terminals": terminals, "page": page}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--diagrams", action="store_true", help="the diagrams alone")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("kinds", nargs="*", help=", ".join(KINDS))
     asked = parser.parse_args()
-    for name, draw in DIAGRAMS.items():
-        (IMAGES / f"{name}.svg").write_text(draw(), encoding="utf-8")
-    if not asked.diagrams:
-        _recordings()
+    unknown = sorted(set(asked.kinds) - set(KINDS))
+    if unknown:
+        parser.error(f"no kind {unknown[0]}: {', '.join(KINDS)}")
+    for name in asked.kinds or KINDS:
+        KINDS[name]()
 
 
 if __name__ == "__main__":

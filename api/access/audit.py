@@ -207,7 +207,7 @@ class Audit:
             )
         except Exception:
             # an order must not fail for its note
-            _log.exception("the audit of %s by %s was not noted", what, caller.name)
+            _log.exception("the audit entry of %s by %s was not written", what, caller.name)
 
     def stranger(
         self, address: str, what: str, *, status: int, outcome: str, unnoted: Unnoted | None = None
@@ -226,7 +226,7 @@ class Audit:
         try:
             self._keeper.audit_now(row)
         except Exception:
-            _log.exception("the audit of %s from %s was not noted", what, address)
+            _log.exception("the audit entry of %s from %s was not written", what, address)
 
     def refused(
         self,

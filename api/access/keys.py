@@ -227,7 +227,7 @@ class KeyStore:
         """What health says of keys: in numbers, without names, since everybody may read it."""
         self._follow()
         if self.problem is not None:
-            return ["keys: the file of keys can't be used, and lets nobody in; the log tells why"]
+            return ["keys: the keys file can't be used, so nobody is let in; the log says why"]
         ending = self.ending()
         over = [key for key in ending if self.has_ended(key)]
         soon = [key for key in ending if not self.has_ended(key)]
@@ -348,7 +348,7 @@ class KeyStore:
             As `new` and `revoke`.
         """
         if not timedelta(0) <= overlap <= LONGEST:
-            raise BadRequest("the overlap is none", advice="such as 24h; 0 ends the old key at once")
+            raise BadRequest("that is not a length of time", advice="such as 24h; 0 ends the old key at once")
         with self._changing() as record:
             old = self._named(record, name)[-1]
             now = self._now()
@@ -469,7 +469,7 @@ class KeyStore:
         if end <= now or end > now + LONGEST:
             raise BadRequest(
                 f"a key can't end at {end:%Y-%m-%d %H:%M} UTC",
-                advice="name an instant to come, within a century",
+                advice="name a time in the future, within a century",
             )
         return end
 
@@ -503,13 +503,13 @@ class KeyStore:
     def _read(self, found: os.stat_result) -> _KeyFile:
         if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
             raise BadSettings(
-                "others than its owner could add a key to the file of keys",
+                "others than its owner could add a key to the keys file",
                 device=str(self.path),
                 advice=f"chmod 600 {self.path}",
             )
         if found.st_size > _MOST_FILE_BYTES:
             raise BadSettings(
-                f"the file of keys has {found.st_size / 1e6:.0f} MB: that is none of ours",
+                f"the keys file has {found.st_size / 1e6:.0f} MB: mountnav has not written it",
                 device=str(self.path),
                 advice="move it away and make new keys with `mountnav key new`",
             )
@@ -517,13 +517,13 @@ class KeyStore:
             return _KeyFile.model_validate_json(read_bytes(self.path))
         except OSError as error:
             raise BadSettings(
-                f"the file of keys can't be read: {error.strerror}",
+                f"the keys file can't be read: {error.strerror}",
                 device=str(self.path),
                 advice="it must be readable by the user that runs the service",
             ) from error
         except ValidationError as error:
             raise BadSettings(
-                "the file of keys is damaged, and lets nobody in",
+                "the keys file is damaged, so nobody is let in",
                 device=str(self.path),
                 advice="move it away and make new keys with `mountnav key new`",
             ) from error
@@ -544,7 +544,7 @@ class KeyStore:
                 self._write(record)
         except OSError as error:
             raise BadSettings(
-                f"the file of keys can't be written: {error.strerror}",
+                f"the keys file can't be written: {error.strerror}",
                 device=str(self.path),
                 advice="run this as the user that runs the service, or name another keys_file",
             ) from error
@@ -623,7 +623,8 @@ def _scope(telescopes: Collection[str] | None) -> list[str] | None:
     named = list(dict.fromkeys(telescopes))
     if not 0 < len(named) <= _MOST_TELESCOPES or not all(_TELESCOPE.fullmatch(one) for one in named):
         raise BadRequest(
-            "those are no telescopes", advice="ids as in the settings, 100 at most; leave them out for all"
+            "that is not a list of telescope ids",
+            advice="ids as in the settings, 100 at most; leave them out for all",
         )
     return named
 

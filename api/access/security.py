@@ -109,7 +109,7 @@ def require_all_telescopes(caller: Caller) -> None:
         found = problem(
             "forbidden",
             403,
-            f"the key of {caller.name} is for some telescopes, and this tells of all",
+            f"the key of {caller.name} is for some telescopes only, and this request covers all of them",
             advice="use a key that is for all telescopes",
         )
         raise Refused(found)
@@ -306,13 +306,13 @@ def allowed_file(path: Path, folders: Sequence[Path], *, telescope_id: str) -> P
         inside = any(real.is_relative_to(folder.resolve()) for folder in folders)
         there = inside and real.is_file()
     except (OSError, ValueError) as odd:  # a name with a zero byte, a loop of links
-        raise BadRequest("that path is none", device=telescope_id, advice=str(odd)) from odd
+        raise BadRequest("that path is empty or invalid", device=telescope_id, advice=str(odd)) from odd
     if not inside:
         raise BadRequest(
-            f"{path} lies in no folder that frames may be taken from",
+            f"{path} is not in a folder that frames may be taken from",
             device=telescope_id,
             advice="set night.folder or night.allowed_folders",
         )
     if not there:
-        raise NotFound(f"there is no file {path}", device=telescope_id, advice="look at its name")
+        raise NotFound(f"there is no file {path}", device=telescope_id, advice="check the name")
     return real

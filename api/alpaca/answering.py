@@ -104,7 +104,7 @@ async def answer(
         error = error_of(problem_of(trouble))
     except Exception:
         # a client must get an answer that it can read; what it was is for the log
-        _log.exception("unforeseen error in %s %s of %s", member.verb, member.name, device.id)
+        _log.exception("unexpected error in %s %s of %s", member.verb, member.name, device.id)
         error = error_of(internal_problem())
     else:
         return (value if member.has_value else NOTHING), None

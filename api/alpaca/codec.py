@@ -120,7 +120,7 @@ def instant(name: str, text: str) -> datetime:
         found = datetime.fromisoformat(text)
         return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
     except (ValueError, OverflowError):
-        raise BadParameter(f"{name} is no date and time: {text[:40]!r}") from None
+        raise BadParameter(f"{name} is not a date and time: {text[:40]!r}") from None
 
 
 def unsigned(text: str | None) -> int:

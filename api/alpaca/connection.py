@@ -143,7 +143,7 @@ class Connecting:
         except AlpacaError as error:
             failure = error
         except Exception:
-            _log.exception("unforeseen error while %s is connected", self._name)
+            _log.exception("unexpected error while %s is connected", self._name)
             failure = error_of(internal_problem())
         if client not in self._wanted:
             return

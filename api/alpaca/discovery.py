@@ -118,7 +118,7 @@ class _Answerer(asyncio.DatagramProtocol):
 
     def error_received(self, exc: Exception) -> None:
         """An answer that didn't arrive is nobody's trouble but the asker's."""
-        _log.debug("an answer to a discovery was not delivered: %s", exc)
+        _log.debug("an answer to a discovery request was not delivered: %s", exc)
 
 
 def _bound(host: str, port: int) -> socket.socket:

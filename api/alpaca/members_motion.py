@@ -166,7 +166,7 @@ async def _guide(device: AlpacaTelescope, call: Call) -> None:
 
 
 _GUIDE_RATES = {"GuideRateRightAscension": _guide_rate_ra, "GuideRateDeclination": _guide_rate_dec}
-_UNTOLD = "the mount doesn't tell it"
+_UNTOLD = "the mount doesn't give it"
 _AT_THE_MOUNT = "it is set at the mount"
 
 

@@ -194,7 +194,7 @@ SITE: tuple[Member, ...] = (
         why_not=_SET_ONCE,
     ),
     # what the tube holds back of its aperture no setting tells
-    Member("GET", "aperturearea", nothing, able=never, default=0.0, why_not="no setting tells it"),
+    Member("GET", "aperturearea", nothing, able=never, default=0.0, why_not="no setting gives it"),
     Member(
         "GET",
         "aperturediameter",

@@ -301,7 +301,7 @@ class Motion:
             return
         await asyncio.wait({following})
         if following.cancelled():
-            raise AlpacaError(0x508, "the service goes down: how this ended is not known")
+            raise AlpacaError(0x508, "the service is shutting down: how this ended is not known")
         if (fault := following.exception()) is not None:
             raise AlpacaError(0x5FF, f"how it ended is not known: {fault_words(fault)}")
         if (failure := following.result()) is None:

@@ -69,7 +69,7 @@ _LONGEST_BODY = 64_000
 """Longest form, bytes; chosen by hand, far above what a member takes. Doubled, nonsense takes twice the
 memory."""
 _ROOTS = ("api", "management", "setup")
-_CLOSED = PlainTextResponse("the service is starting, or going down", status_code=503)
+_CLOSED = PlainTextResponse("the service is starting or shutting down", status_code=503)
 
 
 def alpaca_app(service_getter: Callable[[], Service], keys_getter: Callable[[], KeyStore]) -> ASGIApp:

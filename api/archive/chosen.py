@@ -160,7 +160,7 @@ def options_of(recipe: Recipe) -> RunOptions:
         priors = tuple(CameraPrior(**one) for one in recipe.options.get("priors", ()))
         return replace(told, priors=priors, learned_chunks=tuple(told.learned_chunks))
     except TypeError as fault:
-        raise BadRequest(f"the recipe's options are of another mountnav: {fault}") from fault
+        raise BadRequest(f"the recipe's options are of another version of mountnav: {fault}") from fault
 
 
 def taught(folder: Folder, run: RunFolder) -> tuple[RunFolder | None, list[Learned]]:
@@ -195,7 +195,7 @@ def _date(text: str) -> datetime | None:
     try:
         found = datetime.fromisoformat(text)
     except ValueError as fault:
-        raise BadRequest(f"--undated {text!r} is no date", advice="write it as 1958-07-01") from fault
+        raise BadRequest(f"--undated {text!r} is not a date", advice="write it as 1958-07-01") from fault
     return found if found.tzinfo is not None else found.replace(tzinfo=UTC)
 
 

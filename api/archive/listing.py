@@ -87,7 +87,7 @@ def _text(path: Path) -> str:
         name.encode()
     except UnicodeEncodeError:
         raise BadRequest(
-            f"{os.fsencode(name)!r} is no UTF-8, and tables hold nothing else",
+            f"{os.fsencode(name)!r} is not UTF-8, and tables can hold nothing else",
             advice="rename the file or folder",
         ) from None
     return name
@@ -113,7 +113,7 @@ def _of_table(path: Path, hdu: str | None) -> Iterator[Entry]:
             ra, dec, radius, scale, low, high = values.values()
             hint = asked_hint(ra, dec, radius, scale, low, high)
         except (ValueError, BadRequest) as fault:
-            raise BadRequest(f"{path}: row {at + 1}, {file}: {fault}", advice="put the row right") from fault
+            raise BadRequest(f"{path}: row {at + 1}, {file}: {fault}", advice="correct the row") from fault
         told = row.get("extension")
         extension = hdu if told in (None, "") else str(told)
         if is_remote(file):
@@ -133,7 +133,9 @@ def _rows(path: Path) -> Iterator[Mapping[str, Any]]:
             reader = csv.reader(lines)
             names = next(reader, [])
             if len(names) == 1 and " " in names[0]:
-                raise BadRequest(f"{path}: its columns are parted by spaces", advice="part them by commas")
+                raise BadRequest(
+                    f"{path}: its columns are separated by spaces", advice="separate them by commas"
+                )
             for row in reader:
                 if row:
                     yield dict(zip(names, row, strict=False))

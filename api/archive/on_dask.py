@@ -189,7 +189,7 @@ def _told(fault: BaseException, scheduler: str | None) -> MountnavError:
             f"a worker can't write or read: {fault.strerror or fault}", advice="free some space"
         )
     return DeviceMissing(
-        f"Dask gave a chunk up: {kind}: {str(fault)[:300]}",
+        f"Dask gave up a chunk: {kind}: {str(fault)[:300]}",
         device="Dask",
         advice="give the same command again: what is finished is in the store",
     )

@@ -172,7 +172,7 @@ class ChunkSolver:
             raise
         if not done:
             reading.add_done_callback(_thrown_away)
-            raise OSError(errno.ETIMEDOUT, f"it did not come within {self._prepared.deadline_s:g} s")
+            raise OSError(errno.ETIMEDOUT, f"no answer came within {self._prepared.deadline_s:g} s")
         return reading.result()
 
     async def _result(self, entry: Entry, opened: Fetched | OSError) -> Result:
@@ -187,7 +187,7 @@ class ChunkSolver:
                         f"{self._running_unread} frames in a row can't be read; the last one: "
                         f"{opened.strerror or opened}",
                         device=shown(Path(entry.file)),
-                        advice="put the storage right, and give the same command again: nothing is lost",
+                        advice="repair the storage, and give the same command again: nothing is lost",
                     )
             why = f"the file can't be read: {opened.strerror or opened}"
             return Result(entry, code=UNREAD, why=why)

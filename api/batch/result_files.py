@@ -147,7 +147,7 @@ class ParquetTable:
             why = getattr(error, "strerror", None) or str(error)
             raise _not_ours(str(self._path), why) from error
         if not found.schema.equals(self._schema):
-            raise _not_ours(str(self._path), "its columns are others")
+            raise _not_ours(str(self._path), "its columns are different")
         return found.cast(self._schema)
 
 
@@ -173,7 +173,7 @@ class _Lines:
             size = os.fstat(self._number).st_size
             if size:
                 if os.pread(self._number, len(begins), 0) != begins:
-                    raise _not_ours(path, "it begins otherwise")
+                    raise _not_ours(path, "its first line is different")
                 os.ftruncate(self._number, _whole_lines(self._number, size))
             else:
                 self._put(begins)
@@ -250,7 +250,7 @@ def _ecsv_head(columns: Sequence[Column]) -> Iterator[str]:
 
 def _not_ours(path: str, why: str) -> BadRequest:
     return BadRequest(
-        f"{path} is there already and no file of such results: {why}",
+        f"{path} exists already and is not a file of such results: {why}",
         advice="name another file, or remove it",
     )
 
@@ -269,7 +269,7 @@ def kind_of(path: str) -> str:
         return kinds[Path(path).suffix.lower()]
     except KeyError:
         raise BadRequest(
-            f"what kind of results {path} holds can't be told",
+            f"the kind of results that {path} holds is not known",
             advice="end it in .jsonl, .csv, .ecsv or .parquet",
         ) from None
 

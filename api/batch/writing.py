@@ -217,7 +217,7 @@ def _picture_or_folder(path: Path, frames: int) -> Path:
 
 
 def _history(solution: Solution) -> list[str]:
-    chance = f"false with a chance of {solution.false_probability:.1e}"
+    chance = f"false with probability {solution.false_probability:.1e}"
     return [
         f"WCS by mountnav {__version__}, {utc_now():%Y-%m-%dT%H:%M:%SZ}: {solution.mode}, {solution.catalog}",
         f"{solution.pairs} stars, rms {solution.rms_arcsec:.3f} arcsec, {chance}",

@@ -69,7 +69,7 @@ def open_bundle(path: Path) -> Iterator[Bundle]:
                 raise _none(path, "it has no manifest")
             manifest = json.loads(_read(archive, MANIFEST, MOST_TEXT_BYTES, path))
             if not isinstance(manifest, dict) or manifest.get("form") != FORM:
-                raise _none(path, f"its form is none that this version knows ({FORM})")
+                raise _none(path, f"this version does not know its format ({FORM})")
             recordings: dict[str, Path] = {}
             left = MOST_RECORD_BYTES
             for member in members:
@@ -83,7 +83,7 @@ def open_bundle(path: Path) -> Iterator[Bundle]:
     except (zipfile.BadZipFile, zipfile.LargeZipFile, EOFError, RuntimeError, NotImplementedError) as damage:
         raise _none(path, f"it is damaged: {damage}") from damage
     except (ValueError, RecursionError) as damage:
-        raise _none(path, f"its manifest is none: {damage}") from damage
+        raise _none(path, f"its manifest is invalid: {damage}") from damage
     except OSError as wrong:
         raise BadRequest(f"the bundle can't be read: {wrong.strerror or wrong}", device=str(path)) from wrong
 
@@ -92,7 +92,7 @@ def _read(archive: zipfile.ZipFile, name: str, most_bytes: int, path: Path) -> b
     with archive.open(name) as file:
         data = file.read(most_bytes + 1)
     if len(data) > most_bytes:
-        raise _none(path, f"{name} is larger than any of ours")
+        raise _none(path, f"{name} is larger than any that mountnav writes")
     return data
 
 
@@ -105,14 +105,14 @@ def _unpack(
         while piece := packed.read(_PIECE_BYTES):
             size += len(piece)
             if size > most_bytes:
-                raise _none(path, "its recordings are larger than any of ours")
+                raise _none(path, "its recordings are larger than any that mountnav writes")
             file.write(piece)
     return size
 
 
 def _none(path: Path, why: str) -> BadRequest:
     return BadRequest(
-        f"this is no bundle of mountnav: {why}",
+        f"this is not a bundle of mountnav: {why}",
         device=str(path),
         advice="give a file that `mountnav report --bundle` has written",
     )

@@ -102,7 +102,7 @@ def rejected_percents(text: str) -> tuple[float, ...]:
             percent = math.nan
         if not 0.0 <= percent < 100.0:
             raise BadRequest(
-                f"--reject {text}: {word.strip() or 'nothing'} is no percentage to reject",
+                f"--reject {text}: {word.strip() or 'nothing'} is not a percentage to reject",
                 advice="numbers from 0 to below 100 with commas between, such as 0,5,10",
             )
         if percent not in percents:

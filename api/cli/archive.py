@@ -165,7 +165,7 @@ def init(asked: _Init) -> int:
     # what is wrong with the words is said before a folder is made
     first = next(waiting, None)
     if first is None:
-        raise BadRequest("there is no frame in what was named", advice="name others")
+        raise BadRequest("nothing that was named holds a frame", advice="name others")
     folder = Folder.make(asked.archive, asked.chunk_frames)
     try:
         count = add_batch(folder, itertools.chain([first], waiting), asked.priority)
@@ -356,7 +356,7 @@ def redo(
     ],
     run: Run = None,
 ) -> None:
-    """Take the chunks out of the store that hold frames not solved for these reasons: `run` does them again.
+    """Remove chunks from the store that hold frames not solved for these reasons; `run` does them again.
 
     For frames whose disk was gone, or that a loaded computer had no time for.
     """
@@ -422,7 +422,7 @@ def _part(text: str) -> tuple[int, int]:
     which, slash, of = text.partition("/")
     if not (slash and which.isdecimal() and of.isdecimal() and int(of) >= 1 and int(which) <= int(of)):
         raise BadRequest(
-            f"--chunk {text!r} is no part", advice="write K/N: 1/100 to 100/100, or 0/100 to 99/100"
+            f"--chunk {text!r} is not a part", advice="write K/N: 1/100 to 100/100, or 0/100 to 99/100"
         )
     return int(which), int(of)
 

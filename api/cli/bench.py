@@ -47,15 +47,15 @@ class BenchOptions:
     compare: Annotated[
         bool, typer.Option("--compare/--no-compare", help="Try the same on a fake of its family.")
     ] = True
-    dialect: Annotated[str | None, typer.Option(help="Of that fake; see `fake-mount --list`.")] = None
+    dialect: Annotated[str | None, typer.Option(help="Dialect of that fake; see `fake-mount --list`.")] = None
     mounting: Annotated[
         Literal["fork", "german"] | None,
         typer.Option(help="Build of that fake; as the mount shows itself, or its family usually is."),
     ] = None
-    report: Annotated[Path | None, typer.Option(help="Write the findings here (JSON).")] = None
+    report: Annotated[Path | None, typer.Option(help="Write the findings to this file (JSON).")] = None
     transcript: Annotated[
         Path | None,
-        typer.Option(help="Write what was said here, for `fake-mount --replay`."),
+        typer.Option(help="Write the dialogue to this file, for `fake-mount --replay`."),
     ] = None
     watch: Annotated[float, typer.Option(min=1, max=3600, help="Seconds to watch it track.")] = 30.0
     lowest: Annotated[float, typer.Option(min=0, max=80, help="Lowest altitude to be sent to.")] = 20.0
@@ -70,7 +70,7 @@ def try_mount(asked: BenchOptions) -> int:
     steps = _steps(tuple(asked.step or ()))
     for path in (asked.report, asked.transcript):
         if path is not None and not path.absolute().parent.is_dir():
-            raise BadRequest(f"{path.parent} is no folder", advice="give another path")
+            raise BadRequest(f"{path.parent} is not a folder", advice="give another path")
     read_tables()
     try:
         return asyncio.run(_run(asked, steps))
@@ -160,7 +160,7 @@ def _mount(url: str, site: Site) -> GenericMount:
     mount = open_mount(url, site=site)
     if not isinstance(mount, GenericMount):
         raise BadRequest(
-            "its driver is not one of ours", device=url, advice="use mountnav.testing.check_mount"
+            "its driver is not part of mountnav", device=url, advice="use mountnav.testing.check_mount"
         )
     return mount
 

@@ -44,13 +44,15 @@ def calibrate_build(
         float | None,
         typer.Option(help="ADU of a pixel without light, for --flat-from-lights without a bias."),
     ] = None,
-    method: Annotated[str, typer.Option(help="Of what is left after clipping: mean or median.")] = "mean",
-    kappa: Annotated[float, typer.Option(help="Clip beyond so many sigma.")] = 5.0,
+    method: Annotated[
+        str, typer.Option(help="What the values left after clipping become: mean or median.")
+    ] = "mean",
+    kappa: Annotated[float, typer.Option(help="Clip values beyond this many sigma.")] = 5.0,
     assume: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME=VALUE",
-            help="Of frames whose headers don't say it: gain, offset, egain, readout, camera, binning.",
+            help="For frames whose headers don't say it: gain, offset, egain, readout, camera, binning.",
         ),
     ] = None,
     as_json: Json = False,
@@ -84,7 +86,7 @@ def calibrate_build(
 def calibrate_info(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder of masters.")], as_json: Json = False
 ) -> None:
-    """Tell what masters a folder holds."""
+    """Show which masters a folder holds."""
     from mountnav.measuring.calibration import Calibration
 
     calibration = Calibration.load(folder)

@@ -51,7 +51,7 @@ catalog_app.command("import")(import_)
 
 @catalog_app.command("list")
 def list_(folder: Folder = None, config: CatalogsConfig = None, as_json: Json = False) -> None:
-    """List the catalogs at hand: embedded, imported, damaged, unfinished; online ones with --config."""
+    """List the catalogs of this machine: embedded, imported, damaged, unfinished; online with --config."""
     from api.http.file_names import shown
     from mountnav.catalog.embedded import EMBEDDED_PATH, embedded_catalog
     from mountnav.catalog.installed import EMBEDDED_SLUG, Installed, installed, unfinished
@@ -61,7 +61,7 @@ def list_(folder: Folder = None, config: CatalogsConfig = None, as_json: Json = 
     rows = [_list_facts(embedded, "embedded")]
     rows += [_list_facts(found, "imported") for found in installed(where)]
     rows += [
-        {"slug": slug, "state": "unfinished", "problem": "an import that isn't ended: run it again"}
+        {"slug": slug, "state": "unfinished", "problem": "an unfinished import: run it again"}
         for slug in unfinished(where)
     ]
     rows += [_online_facts(source) for source in online_sources(config)]
@@ -83,7 +83,7 @@ def list_(folder: Folder = None, config: CatalogsConfig = None, as_json: Json = 
 def info(
     name: Name = None, folder: Folder = None, config: CatalogsConfig = None, as_json: Json = False
 ) -> None:
-    """Tell what a catalog holds: stars, errors today by magnitude, source, terms."""
+    """Show what a catalog holds: stars, errors today by magnitude, source, terms."""
     from mountnav.catalog.installed import EMBEDDED_SLUG
 
     store = opened_catalog(name, folder_of(folder, config))
@@ -160,7 +160,7 @@ def remove(
         find_installed(where, name)  # refuses a name that there isn't, before anything is asked
     if not yes and name != EMBEDDED_SLUG:
         if not _is_interactive():
-            raise BadRequest(f"{name} would be removed for good", advice="say so with --yes")
+            raise BadRequest(f"{name} would be removed for good", advice="confirm it with --yes")
         what = shown(where / f"{name}.mnc")
         if not typer.confirm(f"Remove {what}?", err=True):
             raise typer.Exit(1)

@@ -50,7 +50,7 @@ def import_(
         Path | None,
         typer.Argument(help="A file, or the folder of the files. gaia-bright: of the package, if left out."),
     ] = None,
-    name: Annotated[str | None, typer.Option(help="What it will be called; the kind if not given.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the catalog; the kind if not given.")] = None,
     folder: Folder = None,
     config: CatalogsConfig = None,
     mag_limit: Annotated[
@@ -64,7 +64,7 @@ def import_(
         tuple[float, float] | None,
         typer.Option(metavar="LOW HIGH", help="Take only stars between these declinations, degrees."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Take the place of a catalog of that name.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace a catalog of that name.")] = False,
     as_json: Json = False,
 ) -> None:
     """Import a star catalog. Interrupted, it goes on when the same command is run again."""
@@ -99,7 +99,7 @@ def import_(
 def _package_file(kind: str) -> Path:
     """The file of a catalog that a Python package brings. Raises `BadRequest` where there is none."""
     if kind != "gaia-bright":
-        raise BadRequest("which file or folder?", advice=f"mountnav catalog import {kind} PATH")
+        raise BadRequest("no file or folder was named", advice=f"mountnav catalog import {kind} PATH")
     from mountnav.catalog.readers.gaia_bright.reader import installed_file
 
     file = installed_file()
@@ -114,7 +114,7 @@ def fetch(
     ra: Annotated[float, RA_OPTION],
     dec: Annotated[float, DEC_OPTION],
     radius: Annotated[float, typer.Option(min=0, max=180, help="Degrees.")],
-    mag: Annotated[float | None, typer.Option(help="Faintest magnitude that will be asked for.")] = None,
+    mag: Annotated[float | None, typer.Option(help="Faintest magnitude to ask for.")] = None,
     timeout: Annotated[
         float | None,
         typer.Option(
@@ -148,7 +148,7 @@ def fetch(
         )
         if came.problem is not None:
             sys.stdout.write(
-                f"not all of it: {came.problem}. The same command goes on where it ended"
+                f"not all of it: {came.problem}. The same command continues where it ended"
                 f"{'; --timeout gives a slow server more time' if 'within' in came.problem else ''}\n"
             )
     raise typer.Exit(0 if came.problem is None else 1)
@@ -191,7 +191,8 @@ def _selection(
     ra_deg, dec_deg, radius_deg = cone
     if not (0.0 <= ra_deg <= 360.0 and -90.0 <= dec_deg <= 90.0):
         raise BadRequest(
-            f"no place: RA {ra_deg}°, Dec {dec_deg}°", advice="--cone RA DEC RADIUS, all in degrees (ICRS)"
+            f"not a position: RA {ra_deg}°, Dec {dec_deg}°",
+            advice="--cone RA DEC RADIUS, all in degrees (ICRS)",
         )
     return Selection(mag_limit, Icrs(ra_deg % 360.0, dec_deg), radius_deg, dec_range)
 
@@ -199,10 +200,11 @@ def _selection(
 def _print_how_to_go_on(progress: ImportProgressBar) -> None:
     last = progress.last
     if last is None or last.parts_done == 0:
-        sys.stderr.write("interrupted before a part was in: nothing is kept\n")
+        sys.stderr.write("interrupted before a part was imported: nothing is kept\n")
         return
     sys.stderr.write(
-        f"interrupted: {last.parts_done} of {last.parts} parts are in and kept. The same command goes on:\n"
+        f"interrupted: {last.parts_done} of {last.parts} parts are imported and "
+        "kept. The same command continues:\n"
         f"  {shlex.join(['mountnav', *sys.argv[1:]])}\n"
     )
 

@@ -24,7 +24,7 @@ def check(
         typer.Option(
             "--connect",
             help="Also open each mount and camera, and tell what answers. Nothing is moved or set; some "
-            "boards start again when their port is opened.",
+            "boards restart when their port is opened.",
         ),
     ] = False,
     as_json: Json = False,

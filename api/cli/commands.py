@@ -102,7 +102,7 @@ def _declared(command: Command) -> Any:
 
 
 def top(
-    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
 ) -> None:
     """Finds out where a telescope really points, and puts it where it should."""
     # `api.main` had it off: nothing imported for the command line is garbage, nor need be looked at again

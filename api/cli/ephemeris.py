@@ -153,7 +153,7 @@ def show(
         str, typer.Argument(help="A name, or a file with elements of one object, or with a table.")
     ],
     at: Annotated[
-        str | None, typer.Option(help="From then on: 2026-11-26T20:00 (UTC); now if not given.")
+        str | None, typer.Option(help="From this time on: 2026-11-26T20:00 (UTC); now if not given.")
     ] = None,
     hours: Annotated[float, typer.Option(min=0.0, max=_LONGEST_HOURS, help="How long.")] = 12.0,
     step_min: Annotated[
@@ -177,7 +177,7 @@ def show(
     count = math.floor(hours * 60.0 / step_min + 1e-9) + 1
     if count > _MOST_LINES:
         raise BadRequest(
-            f"that are {count} lines; {_MOST_LINES} are the most", advice="give a longer --step-min"
+            f"that makes {count} lines; {_MOST_LINES} are the most", advice="give a longer --step-min"
         )
     rows = []
     problem = None
@@ -290,7 +290,7 @@ def _target(what: str, utc: datetime, site: Site) -> Ephemeris:
         try:
             return ephemeris_of_text(read_text(path))
         except UnicodeDecodeError as wrong:
-            raise BadRequest(f"{what} is no UTF-8 text") from wrong
+            raise BadRequest(f"{what} is not UTF-8 text") from wrong
 
 
 def _instant(text: str) -> datetime:
@@ -332,11 +332,12 @@ def _site_of(site: tuple[float, float, float] | None, config: Path | None) -> tu
     if site is not None:
         lat, lon, height = site
         if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 360.0 and -500.0 <= height <= 9000.0):
-            raise BadRequest(f"{lat}, {lon}, {height} m is no place of a telescope")
+            raise BadRequest(f"{lat}, {lon}, {height} m is not a possible site")
         return Site(lat, (lon + 180.0) % 360.0 - 180.0, height), air
     if told is None:
         raise BadSettings(
-            "it isn't told from where", advice="give --site LAT LON HEIGHT, or --config with a settings file"
+            "the observing site is not known",
+            advice="give --site LAT LON HEIGHT, or --config with a settings file",
         )
     return told, air
 

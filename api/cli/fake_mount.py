@@ -38,20 +38,21 @@ class FakeMountOptions:
     protocol: Annotated[
         str, typer.Option(help="What it speaks: lx200, nexstar, synscan, ioptron, skywatcher.")
     ] = "lx200"
-    dialect: Annotated[str | None, typer.Option(help="How it speaks it; --list tells what there is.")] = None
-    list_all: Annotated[bool, typer.Option("--list", help="List protocols and dialects, and leave.")] = False
+    dialect: Annotated[str | None, typer.Option(help="How it speaks it; --list shows them.")] = None
+    list_all: Annotated[bool, typer.Option("--list", help="List protocols and dialects, and exit.")] = False
     link: Annotated[Path | None, typer.Option(help="Make this a symlink to the pseudo-terminal.")] = None
     tcp: Annotated[str | None, typer.Option(metavar="HOST:PORT", help="Serve on TCP instead.")] = None
     udp: Annotated[str | None, typer.Option(metavar="HOST:PORT", help="Serve on UDP instead.")] = None
-    baud: Annotated[
-        int | None, typer.Option(min=50, help="Let bytes take their time, as on a line of this speed.")
-    ] = None
+    baud: Annotated[int | None, typer.Option(min=50, help="Delay bytes as a line of this speed does.")] = None
     mechanics: Annotated[Path | None, typer.Option(help="How the mount is built (TOML).")] = None
     errors: Annotated[Path | None, typer.Option(help="Pointing errors (TOML).")] = None
     faults: Annotated[Path | None, typer.Option(help="What goes wrong, and when (TOML).")] = None
     seed: Annotated[int | None, typer.Option(help="Seed of the random faults, instead of the file's.")] = None
     struck: Annotated[
-        Path | None, typer.Option(help="At the end write here what struck, as a faults file that repeats it.")
+        Path | None,
+        typer.Option(
+            help="At the end, write the faults that occurred to this file; it repeats them as a faults file."
+        ),
     ] = None
     speed: Annotated[float | None, typer.Option(min=0.01, max=1000, help="How fast its time runs.")] = None
     record: Annotated[Path | None, typer.Option(help="Write the dialogue here (JSON lines).")] = None
@@ -150,9 +151,9 @@ def _refuse_contradictions(asked: FakeMountOptions) -> None:
     if asked.mechanics is not None and asked.errors is not None:
         raise BadRequest("--mechanics and --errors together", advice="put [errors] into the mechanics file")
     if asked.link is not None and asked.link.exists() and not asked.link.is_symlink():
-        raise BadRequest(f"{asked.link} exists and is no symlink", advice="give a path that is free")
+        raise BadRequest(f"{asked.link} exists and is not a symlink", advice="give a path that is free")
     if asked.struck is not None and not asked.struck.parent.is_dir():
-        raise BadRequest(f"{asked.struck.parent} is no folder", advice="give another path to --struck")
+        raise BadRequest(f"{asked.struck.parent} is not a folder", advice="give another path to --struck")
 
 
 def _address(asked: FakeMountOptions) -> tuple[str, int] | None:
@@ -181,7 +182,7 @@ def _fake(asked: FakeMountOptions, clock: FastClock, mechanics: Mechanics) -> Wi
         taken = fake.take_profile(profile_of(read_dialogue(asked.replay), fake))
         if not taken:
             raise BadSettings(
-                f"it holds no answer that tells who a {asked.protocol} mount is",
+                f"it holds no answer that identifies a {asked.protocol} mount",
                 device=str(asked.replay),
                 advice="record the greeting as well",
             )
@@ -236,5 +237,5 @@ def _write_struck(path: Path, fake: WireFake) -> None:
 def _host_and_port(option: str, text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
     if not host or not (port.isascii() and port.isdigit() and int(port) <= 65535):
-        raise BadRequest(f"{option} {text} is no HOST:PORT", advice=f"for example {option} 127.0.0.1:4030")
+        raise BadRequest(f"{option} {text} is not HOST:PORT", advice=f"for example {option} 127.0.0.1:4030")
     return host.strip("[]"), int(port)

@@ -22,13 +22,13 @@ class InitOptions:
     """The options of the command: each is a question that isn't asked then."""
 
     out: Annotated[Path, typer.Option("--out", "-o", help="The file to write.")] = Path("observatory.toml")
-    force: Annotated[bool, typer.Option("--force", help="Write over a file that is there.")] = False
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False
     latitude: Annotated[str | None, typer.Option(help="Degrees, north positive: 47.269 or 47:16:09.")] = None
     longitude: Annotated[str | None, typer.Option(help="Degrees, EAST positive: 11.404, -70.4.")] = None
     height: Annotated[float | None, typer.Option(help="Above the sea, m.")] = None
     mount: Annotated[
         str | None,
-        typer.Option(help="Its URL, as `mountnav ports --probe` tells it; fake: one without hardware."),
+        typer.Option(help="Its URL, as `mountnav ports --probe` shows it; fake: one without hardware."),
     ] = None
     mounting: Annotated[str | None, typer.Option(help="german, fork or altaz.")] = None
     camera: Annotated[
@@ -154,9 +154,9 @@ def _degrees(text: str) -> float:
     try:
         numbers = [float(part.strip(' ″"')) for part in parts if part.strip(' ″"')]
     except ValueError as wrong:
-        raise BadRequest(f"{text!r} is no longitude", advice="such as 11.404 or 11:24:15") from wrong
+        raise BadRequest(f"{text!r} is not a longitude", advice="such as 11.404 or 11:24:15") from wrong
     if not 1 <= len(numbers) <= 3 or any(number >= 60.0 for number in numbers[1:]):
-        raise BadRequest(f"{text!r} is no longitude", advice="such as 11.404 or 11:24:15")
+        raise BadRequest(f"{text!r} is not a longitude", advice="such as 11.404 or 11:24:15")
     return sign * sum(number / 60.0**power for power, number in enumerate(numbers))
 
 
@@ -244,7 +244,7 @@ url = {_quoted(answers["mount"])}
 {camera}
 [telescope.limits]              # docs/explanation/limits.md has them all: set them before the first slew
 min_altitude_deg = 15.0         # nothing is slewed to, passed or tracked below this
-sun_cone_deg = 20.0             # so near to the Sun the tube never comes
+sun_cone_deg = 20.0             # the tube stays at least this far from the Sun
 # past_meridian_east_deg = 10.0 # German mounts: how far past the meridian, on each side of the pier
 # past_meridian_west_deg = 10.0
 # horizon_file = "horizon.txt"  # azimuth and altitude, a pair a line

@@ -39,16 +39,16 @@ Kinds = Annotated[
     typer.Option("--kind", "-k", help="look, command, sync, refusal, fault, model, ...; may be repeated."),
 ]
 Since = Annotated[
-    str | None, typer.Option(help="From then on: 2h, 3d (ago), 2026-11-22, 2026-11-22T03:00 (UTC).")
+    str | None, typer.Option(help="From this time on: 2h, 3d (ago), 2026-11-22, 2026-11-22T03:00 (UTC).")
 ]
-Until = Annotated[str | None, typer.Option(help="Before then; as --since.")]
+Until = Annotated[str | None, typer.Option(help="Before this time; as --since.")]
 JobId = Annotated[str | None, typer.Option("--job", help="What was done for this job.")]
 NightId = Annotated[str | None, typer.Option("--night", help="What was done for this night, by its id.")]
 Outcome = Annotated[
     str | None,
     typer.Option(help="Of commands: done, refused, unknown, ..., open; of looks: solved, unsolved."),
 ]
-Text = Annotated[str | None, typer.Option(help="Somewhere in its words.")]
+Text = Annotated[str | None, typer.Option(help="Text that the entry contains.")]
 
 _KIND_WIDTH = 9
 """Columns of the longest kind of a line, `centering`, so that the words begin below each other."""
@@ -106,7 +106,7 @@ def show(
     if not lines and job is None:
         raise NotFound(
             f"there is no look, command or job {identity!r} in the journal",
-            advice="`mountnav journal list --json` tells their ids",
+            advice="`mountnav journal list --json` shows their ids",
         )
     if as_json:
         for line in lines:
@@ -207,7 +207,9 @@ def verify_audit(
     ] = None,
     expect: Annotated[
         list[str] | None,
-        typer.Option(help="Where it once stood, NUMBER:HASH, as log and reports told; may be repeated."),
+        typer.Option(
+            help="An earlier position, NUMBER:HASH, as the log and reports show it; may be repeated."
+        ),
     ] = None,
     journal: Where = None,
     config: JournalConfig = None,
@@ -215,8 +217,8 @@ def verify_audit(
 ) -> None:
     """Prove that nobody has rewritten the audit; exit code 1 names the first row that was touched.
 
-    Rows that no key at hand proves (written without one, or by another machine) are told, with exit code 1 as
-    well if there is a key.
+    Rows that no available key proves (written without one, or by another machine) are listed; with a key, the
+    exit code is 1 for them, too.
     """
     from mountnav.journal.audit_chain import prove
     from mountnav.journal.database import database_url
@@ -257,7 +259,7 @@ def check(
 @journal_app.command()
 def backup(
     target: Annotated[Path, typer.Argument(help="The file to write, or a folder.")],
-    force: Annotated[bool, typer.Option("--force", help="Write over a file that is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     journal: Where = None,
     config: JournalConfig = None,
 ) -> None:
@@ -275,7 +277,7 @@ def restore(
     journal: Where = None,
     config: JournalConfig = None,
 ) -> None:
-    """Put a backup in its place, while no service runs. What is there is kept beside it."""
+    """Put a backup in its place, while no service runs. The present one is kept beside it."""
     from mountnav.clock import utc_now
     from mountnav.journal.backup import restore as put_back
 
@@ -349,9 +351,7 @@ def _audit_keys(files: list[Path] | None, journal: str | None, config: Path | No
             try:
                 keys.append(read_audit_key(file))
             except FileNotFoundError as missing:
-                raise NotFound(
-                    "there is no such key", device=str(file), advice="look at its name"
-                ) from missing
+                raise NotFound("there is no such key", device=str(file), advice="check the name") from missing
         return keys
     path = audit_key_beside(_where(journal, config))
     if config is not None and journal is None:
@@ -378,7 +378,9 @@ def _head_of(text: str) -> AuditHead:
         or len(number) > 18
         or not re.fullmatch("[0-9a-f]{64}", sha256)
     ):
-        raise BadRequest(f"{text!r} is no place in a chain", advice="NUMBER:HASH, as the log tells it")
+        raise BadRequest(
+            f"{text!r} is not a position in the chain", advice="NUMBER:HASH, as the log shows it"
+        )
     return AuditHead(int(number), sha256)
 
 
@@ -392,15 +394,17 @@ def _proof_lines(proof: AuditProof, keys: list[AuditKey]) -> list[str]:
     removed = f", {proof.removed} more removed by retention" if proof.removed else ""
     lines.append(f"{proof.rows} rows looked at{removed}; the seals of {proof.sealed} hold")
     if not keys:
-        lines.append("no key is at hand: seals were not checked, the whole chain could have been made again")
+        lines.append(
+            "no key is available: seals were not checked, so the whole chain could have been rewritten"
+        )
     elif proof.unproven:
-        lines.append(f"NOT PROVEN by the key at hand: {'; '.join(proof.unproven)}")
+        lines.append(f"NOT PROVEN by the available key: {'; '.join(proof.unproven)}")
     if proof.fault is None:
         lines.append(
             "nothing was altered, removed, inserted or reordered" if proof.head else "there is no row yet"
         )
         if proof.head is not None:
-            lines.append(f"it stands at {proof.head}")
+            lines.append(f"it is now at {proof.head}")
     return lines
 
 

@@ -60,7 +60,7 @@ def new(
     config: KeyConfig = None,
     file: KeyFile = None,
 ) -> None:
-    """Make a key and print it, this once. A running service takes it from now on."""
+    """Make a key and print it, this once. A running service accepts it from now on."""
     store = _store(config, file)
     _require_there(telescope, config)
     key, secret = store.new(name, role, telescopes=telescope, lasts=_span(lasts), until=_instant(until))
@@ -112,14 +112,14 @@ def renew(
     lasts: Lasts = None,
     until: Until = None,
     overlap: Annotated[
-        str, typer.Option(help="So long the old one is taken as well; 0 ends it at once.")
+        str, typer.Option(help="How long the old one still works; 0 ends it at once.")
     ] = "24h",
     config: KeyConfig = None,
     file: KeyFile = None,
 ) -> None:
     """Make a new secret for a key and print it, this once; the old one goes on for --overlap.
 
-    It lasts as long as the old one was made for, unless told otherwise.
+    It lasts as long as the old one was made for, unless something else is given.
     """
     store = _store(config, file)
     over = _span(overlap, zero=True)
@@ -150,9 +150,9 @@ def change(
     from mountnav.errors import BadRequest
 
     if (telescope and all_telescopes) or (endless and (lasts or until)):
-        raise BadRequest("those contradict each other", advice="say one of them")
+        raise BadRequest("those options contradict each other", advice="say one of them")
     if role is None and not telescope and not all_telescopes and not endless and not lasts and not until:
-        raise BadRequest("nothing is to be changed", advice="such as --for 90d or --telescope east")
+        raise BadRequest("nothing was named to change", advice="such as --for 90d or --telescope east")
     store = _store(config, file)
     _require_there(telescope, config)
     key = store.change(
@@ -183,7 +183,8 @@ def revoke(
     sys.stdout.write(f"the key of {name} is revoked; a running service refuses it from now on\n")
     if not store.keys:
         sys.stdout.write(
-            "no key is left: nobody is let in any more but by the settings' token. To be without keys again, "
+            "no key is left: nobody is let in any more except by the settings' "
+            "token. To run without keys again, "
             f"on this machine alone, remove {store.path}\n"
         )
 
@@ -204,7 +205,7 @@ def _span(text: str | None, *, zero: bool = False) -> timedelta | None:
         return None
     found = _SPAN.fullmatch(text.strip())
     if found is None or (int(found[1]) == 0 and not zero):
-        raise BadRequest(f"{text!r} is no length of time", advice="such as 90d, 12h, 8w, 30m, 1y")
+        raise BadRequest(f"{text!r} is not a length of time", advice="such as 90d, 12h, 8w, 30m, 1y")
     count, unit = int(found[1]), found[2] or "d"
     return timedelta(days=_YEAR_DAYS * count) if unit == "y" else timedelta(**{_UNITS[unit]: count})
 
@@ -219,7 +220,9 @@ def _instant(text: str | None) -> datetime | None:
         found = datetime.fromisoformat(text.strip())
         return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
     except (ValueError, OverflowError) as wrong:
-        raise BadRequest(f"{text!r} is no date", advice="such as 2027-06-30 or 2027-06-30T18:00") from wrong
+        raise BadRequest(
+            f"{text!r} is not a date", advice="such as 2027-06-30 or 2027-06-30T18:00"
+        ) from wrong
 
 
 def _require_there(telescopes: list[str] | None, config: Path | None) -> None:

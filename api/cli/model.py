@@ -75,10 +75,10 @@ def fit(
     kind: Annotated[AxesKind | None, typer.Option(help="Instead of the settings'.")] = None,
     mounting: Annotated[Mounting | None, typer.Option(help="Instead of the settings'.")] = None,
     since: Annotated[
-        datetime | None, typer.Option(formats=_DAYS, help="Of a journal: looks from then on, UTC.")
+        datetime | None, typer.Option(formats=_DAYS, help="Of a journal: looks from this time on, UTC.")
     ] = None,
     until: Annotated[
-        datetime | None, typer.Option(formats=_DAYS, help="Of a journal: looks before then, UTC.")
+        datetime | None, typer.Option(formats=_DAYS, help="Of a journal: looks before this time, UTC.")
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -119,7 +119,7 @@ def fit(
 
 @model_app.command()
 def show(file: Annotated[Path, typer.Argument(help="As `fit` writes it.")], as_json: Json = False) -> None:
-    """Tell what a model holds: coefficients with their errors, and how good it was."""
+    """Show what a model holds: coefficients with their errors, and how good it was."""
     from mountnav.pointing.model.model import PointingModel
 
     model = PointingModel.load(file)

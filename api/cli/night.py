@@ -24,13 +24,13 @@ hand; with less, an order that was carried out is reported as unanswered."""
 class NightOrderOptions(TelescopeOptions):
     """Options of an order to a night."""
 
-    why: Annotated[str, typer.Option(help="In your words; the journal keeps them.")] = ""
+    why: Annotated[str, typer.Option(help="The reason, in your words; the journal keeps it.")] = ""
 
 
 @night_app.command()
 @takes_options(TelescopeOptions)
 def status(options: TelescopeOptions) -> None:
-    """Tell the night's phase, what was measured and corrected, and the drift so far."""
+    """Show the night's phase, what was measured and corrected, and the drift so far."""
     _print_night(options)
 
 

@@ -80,7 +80,7 @@ class OrderOptions(BriefOptions):
     """Options of an order to one telescope."""
 
     detach: Annotated[
-        bool, typer.Option("--detach", help="Leave when it has begun; it goes on in the service.")
+        bool, typer.Option("--detach", help="Exit as soon as it has begun; it goes on in the service.")
     ] = False
 
 
@@ -158,7 +158,7 @@ def _telling(command: str, service: str, as_json: bool) -> Iterator[_Said]:
             said.fail(
                 {
                     "title": "no address",
-                    "detail": f"that is no address of a service: {error}",
+                    "detail": f"that is not the address of a service: {error}",
                     "device": service,
                     "advice": f"like {LOCAL_SERVICE}",
                 },
@@ -308,7 +308,7 @@ def _state_words(state: TelescopeState) -> list[str]:
     lines += [f"  problem: {state['problem']}"] if state["problem"] else []
     lines += [f"  {state['contradiction']}"] if state["contradiction"] else []
     if state["trusted"] is False:
-        lines.append("  its position doesn't count: `mountnav first-light`, or a recovery")
+        lines.append("  its position is not trusted: `mountnav first-light`, or a recovery")
     return lines + [f"  warning: {words}" for words in state["warnings"]]
 
 
@@ -473,7 +473,7 @@ def track(options: TrackOptions) -> None:
         how, ra, dec, for_s = options.how, options.ra, options.dec, options.for_s
         if how == "rates":
             if ra is None or dec is None:
-                raise BadRequest("rates need both --ra and --dec", advice="0 for the one that is none")
+                raise BadRequest("rates need both --ra and --dec", advice="give 0 for a rate that is zero")
             what = orders.offset_rates(ra, dec, for_s=for_s)
         elif ra is not None or dec is not None or for_s is not None:
             raise BadRequest(f"--ra, --dec and --for are of rates, not of {how}", advice="`track rates ...`")
@@ -528,7 +528,7 @@ def _until(text: str) -> datetime:
     try:
         at = datetime.fromisoformat(text)
     except ValueError:
-        raise BadRequest(f"{text!r} is no time", advice="like 2026-11-26T03:40 (UTC)") from None
+        raise BadRequest(f"{text!r} is not a time", advice="like 2026-11-26T03:40 (UTC)") from None
     return at if at.tzinfo is not None else at.replace(tzinfo=UTC)
 
 
@@ -572,7 +572,7 @@ def _only_one(client: Client) -> str:
     """The telescope that is meant where none was named."""
     ids = [state["id"] for state in client.telescopes()]
     if len(ids) != 1:
-        raise BadRequest("which telescope is not said", advice=f"--telescope, one of: {', '.join(ids)}")
+        raise BadRequest("there are several telescopes", advice=f"--telescope, one of: {', '.join(ids)}")
     return ids[0]
 
 
@@ -604,6 +604,10 @@ def event_words(kind: str, data: dict[str, Any]) -> str:
             return f"look {data.get('number')}: {_number(data.get('error_arcsec'), 1)}″ off"
         case "synced":
             return f"synced: {data.get('outcome')}"
+        case "flipped":
+            return f"changed sides of the pier: {data.get('from')} to {data.get('to')}"
+        case "tactic":
+            return f"looks again ({str(data.get('tactic')).replace('-', ' ')}): {data.get('why')}"
         case "job":
             problem = data.get("problem")
             why = f": {problem.get('detail')}" if isinstance(problem, dict) else ""
@@ -629,9 +633,8 @@ def _result_words(job: Job) -> str:
                 f"{_number(result['tolerance_arcsec'], 0)}″) after {len(result['attempts'])} looks"
             )
         case "slew":
-            return (
-                f"{result['outcome']}, {_number(result['miss_arcsec'], 1)}″ from the target by its own word"
-            )
+            miss = _number(result["miss_arcsec"], 1)
+            return f"{result['outcome']}, {miss}″ from the target by its own reading"
         case "look":
             offset, seen = result["offset"], result["seen"]
             return (
@@ -642,7 +645,7 @@ def _result_words(job: Job) -> str:
             return f"sync {result['outcome']}"
         case "offset-rates":
             if result["ends_utc"] is None:
-                return "tracks as for a star"
+                return "tracks at the sidereal rate"
             return (
                 f"tracks at {_number(result['ra_arcsec_s'], 4)}″/s in RA, "
                 f"{_number(result['dec_arcsec_s'], 4)}″/s in Dec until {_clock(result['ends_utc'])}"

@@ -42,7 +42,7 @@ RA_OPTION = typer.Option(parser=read_ra_deg, metavar="RA", help="Center (ICRS): 
 DEC_OPTION = typer.Option(parser=read_dec_deg, metavar="DEC", help="Center (ICRS): degrees, or +10:20:30.")
 Ra = Annotated[float | None, RA_OPTION]
 Dec = Annotated[float | None, DEC_OPTION]
-Radius = Annotated[float | None, typer.Option(help="How wrong that may be, degrees.")]
+Radius = Annotated[float | None, typer.Option(help="How far the true center may be from it, degrees.")]
 Scale = Annotated[float | None, typer.Option(help="Arcseconds per pixel, good to 5 %.")]
 Calibration = Annotated[Path | None, typer.Option(help="Folder of masters to calibrate with.")]
 Profile = Annotated[str | None, typer.Option(help="Parameters: measured or paper.")]
@@ -63,7 +63,7 @@ Service = Annotated[str, typer.Option(envvar="MOUNTNAV_SERVICE", help="Address o
 Token = Annotated[str | None, typer.Option(envvar="MOUNTNAV_TOKEN", help="API token of the service.")]
 ChosenTelescope = Annotated[
     str | None,
-    typer.Option("--telescope", "-t", help="Which one; needed only where there are several."),
+    typer.Option("--telescope", "-t", help="Which telescope; needed only where there are several."),
 ]
 
 
@@ -104,10 +104,10 @@ class LooksOptions:
     telescope: Annotated[str | None, typer.Option("--telescope", "-t", help="Which one of the journal.")] = (
         None
     )
-    since: Annotated[str | None, typer.Option(help="From then on: 2026-11-21T20:00 (UTC), or 12h ago.")] = (
-        None
-    )
-    until: Annotated[str | None, typer.Option(help="Up to then.")] = None
+    since: Annotated[
+        str | None, typer.Option(help="From this time on: 2026-11-21T20:00 (UTC), or 12h ago.")
+    ] = None
+    until: Annotated[str | None, typer.Option(help="Up to this time.")] = None
     latitude: Annotated[
         float | None, typer.Option(help="Of the site, degrees, instead of the settings'.")
     ] = None

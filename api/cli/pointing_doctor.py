@@ -27,9 +27,7 @@ class DoctorOptions(LooksOptions):
         str | None, typer.Option(help="What the mount is believed to speak: apparent (JNow) or icrs (J2000).")
     ] = None
     mounting: Annotated[str | None, typer.Option(help="german, fork or altaz.")] = None
-    parity: Annotated[int | None, typer.Option(help="Of its images: 1 as the sky is seen, -1 mirrored.")] = (
-        None
-    )
+    parity: Annotated[int | None, typer.Option(help="Of its images: 1 not mirrored, -1 mirrored.")] = None
     rotator: Annotated[bool, typer.Option("--rotator", help="The camera turns by itself.")] = False
     unsynced: Annotated[
         bool, typer.Option("--unsynced", help="Nothing was synced in these looks (a journal knows that).")

@@ -21,7 +21,7 @@ def ports(
         bool,
         typer.Option(
             "--probe",
-            help="Ask on each what is there: nothing that moves. Some boards start again when opened.",
+            help="Ask on each what is there: nothing that moves. Some boards restart when opened.",
         ),
     ] = False,
     port: Annotated[
@@ -89,7 +89,7 @@ def _named(name: str) -> Port:
         name = f"socket://{name.removeprefix('tcp://')}"
     if "://" in name and not re.fullmatch(r"socket://[^/?#]+:[0-9]{1,5}", name):
         raise BadRequest(
-            f"{name!r} is no port that can be listed",
+            f"{name!r} is not a port that can be listed",
             advice="give a device path, tcp://host:port, or a mount's URL with a serial port or tcp",
         )
     for port in serial_ports():

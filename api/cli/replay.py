@@ -157,7 +157,9 @@ def shown(played: Played, *, every: bool) -> str:
         + ("all as they were" if not others else f"{others} otherwise")
     )
     if report.not_judged:
-        lines.append(f"{report.not_judged} decisions could not be judged: what they hang on is not recorded")
+        lines.append(
+            f"{report.not_judged} decisions could not be judged: what they depend on was not recorded"
+        )
     if report.missing:
         lines.append(f"{len(report.missing)} files are gone or changed: their recorded solutions were taken")
     if report.after_missing:

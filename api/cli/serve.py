@@ -68,7 +68,7 @@ class ServeOptions:
     ] = None
     speed: Annotated[float | None, typer.Option(help="Virtual seconds in a second, 0.1 to 60.")] = None
     seed: Annotated[
-        int | None, typer.Option(help="Another mount, wrong in another way; the same each time.")
+        int | None, typer.Option(help="Seed of the mount's errors; the same seed gives the same mount.")
     ] = None
     mounting: Annotated[VirtualMounting | None, typer.Option(help="Of the virtual mount.")] = None
     port: Annotated[

@@ -25,9 +25,7 @@ class SiteTimeOptions(TelescopeOptions):
     ] = False
     accept: Annotated[
         bool,
-        typer.Option(
-            "--accept", help="The difference is meant so: slew all the same. Needs the role configure."
-        ),
+        typer.Option("--accept", help="The difference is intended: slew anyway. Needs the role configure."),
     ] = False
 
 
@@ -60,9 +58,9 @@ def site_time(options: SiteTimeOptions) -> int:
             indent=1,
         )
     elif not state["connected"]:
-        typer.echo(f"{telescope}: not connected: nobody knows", err=True)
+        typer.echo(f"{telescope}: not connected, so not known", err=True)
     elif contradiction is None:
-        typer.echo(f"{telescope}: mount and settings agree{', by your word' if accept else ''}")
+        typer.echo(f"{telescope}: mount and settings agree{', as you confirmed' if accept else ''}")
     else:
         typer.echo(f"{telescope}: mount and settings contradict each other: {contradiction}")
         typer.echo("ways out: --set (the mount is wrong), the settings or this machine's clock, --accept")

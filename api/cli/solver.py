@@ -25,14 +25,16 @@ _LOOK_EACH_S = 0.05
 """How often it is looked whether the daemon listens or has ended, s."""
 
 Folder = Annotated[
-    Path | None, typer.Option("--dir", help="Folder for the commands; one of ours if left out.")
+    Path | None, typer.Option("--dir", help="Folder for the commands; one of mountnav's own if left out.")
 ]
 
 
 @solver_app.command("install")
 def install_commands(
     folder: Folder = None,
-    force: Annotated[bool, typer.Option("--force", help="Also in place of files that aren't ours.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Also replace files that mountnav has not written.")
+    ] = False,
 ) -> None:
     """Write commands named astap, solve-field, ... into a folder, for programs that call them."""
     from api.solver_daemon.installing import install, own_folder
@@ -48,7 +50,7 @@ def install_commands(
 
 @solver_app.command("uninstall")
 def uninstall_commands(folder: Folder = None) -> None:
-    """Take these commands away again. Other files of the folder stay."""
+    """Remove these commands. Other files in the folder stay."""
     from api.solver_daemon.installing import own_folder, uninstall
 
     for path in uninstall(folder or own_folder()):
@@ -98,7 +100,7 @@ def start(
             break
         time.sleep(_LOOK_EACH_S)
     raise DeviceError(
-        "it doesn't listen", device="solver daemon", advice=f"see {socket_path().with_name('solver.log')}"
+        "it is not listening", device="solver daemon", advice=f"see {socket_path().with_name('solver.log')}"
     )
 
 
@@ -110,7 +112,7 @@ def stop() -> None:
 
 @solver_app.command("status")
 def status() -> None:
-    """Tell whether a solver is warm. Exit code 1 if none is."""
+    """Say whether a solver is running. Exit code 1 if none is."""
     found = _told("status")
     if found is None:
         typer.echo("no solver is running; the next command starts one")

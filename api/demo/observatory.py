@@ -120,7 +120,7 @@ def _require_virtual(url: str) -> None:
     for run in JournalReader(url).runs():
         if json.loads(run.settings or "{}").get("demo") is None:
             raise BadSettings(
-                f"the journal tells of a real observatory ({run.started_utc:%Y-%m-%d %H:%M} UTC)",
+                f"the journal is of a real observatory ({run.started_utc:%Y-%m-%d %H:%M} UTC)",
                 device=url,
                 advice="give the virtual one a [journal] url of its own, or none: then it is not kept",
             )

@@ -23,7 +23,9 @@ from api.access.keys import KeyStore, open_keys
 from api.access.security import TokenRequired
 from api.alpaca.server import alpaca_routes
 from api.http import guards
+from api.http.examples import give_examples
 from api.http.field_words import describe
+from api.http.night_views import FramePathBody
 from api.http.routes import (
     audit,
     capabilities,
@@ -175,7 +177,9 @@ def _describe_beside(app: FastAPI) -> None:
     def with_bodies_left_out() -> dict[str, Any]:
         if app.openapi_schema is None:
             described = _without_null_bodies(make())
+            _add_body_of_frames(described)
             describe(described)
+            give_examples(described)
             app.openapi_schema = described
         return app.openapi_schema
 
@@ -199,6 +203,16 @@ def _without_null_bodies(schema: dict[str, Any]) -> dict[str, Any]:
                 if len(bodies) == 1 < len(either):
                     content["schema"] = bodies[0]
     return schema
+
+
+def _add_body_of_frames(schema: dict[str, Any]) -> None:
+    """Put the one body into the description that its route reads by itself, among other kinds of content.
+
+    What it refers to is there already, for orders have targets, too.
+    """
+    body = FramePathBody.model_json_schema(ref_template="#/components/schemas/{model}")
+    body.pop("$defs", None)
+    schema["components"]["schemas"]["FramePathBody"] = body
 
 
 @cache

@@ -201,7 +201,7 @@ async def _of_form(limited: Request) -> AsyncIterator[Upload]:
 
 
 def _gone() -> Cancelled:
-    return Cancelled("the client left in the middle of its upload", advice="send it again")
+    return Cancelled("the client disconnected during its upload", advice="send it again")
 
 
 def _limited(receive: Receive, limit_bytes: int) -> Receive:

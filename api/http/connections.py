@@ -387,7 +387,7 @@ class Guarded(H11Protocol):
             # where the next request begins is not sure either: this is the connection's last
             self.cycle.keep_alive = False
             if not is_stop(scope["method"], scope["path"]):
-                found = problem("bad-request", 400, "the request tells its length in two ways")
+                found = problem("bad-request", 400, "the request gives its length in two ways")
                 await refusal_response(scope, found)(scope, receive, send)
                 return
         if not self.stops_only or is_stop(scope["method"], scope["path"]):

@@ -75,7 +75,7 @@ def forecast_of(telescope_id: str, mount: CheckedMount, target: AnyTarget, hours
     if ephemeris.begins_utc is not None and ephemeris.begins_utc > utc:
         raise BadRequest(
             f"{ephemeris.name} begins at {ephemeris.begins_utc:%Y-%m-%d %H:%M:%S} UTC only",
-            advice="ask then, or give one that has begun",
+            advice="ask for a later time, or give an ephemeris that has begun",
         )
     until_utc = utc + timedelta(hours=hours)
     if ephemeris.ends_utc is not None:

@@ -67,7 +67,7 @@ class OpenStreams:
                 f"{self._most} streams of events are open for this caller",
                 retryable=True,
                 retry_after_s=15,
-                advice="close those that aren't read; [service] streams_per_caller is the limit",
+                advice="close those that nobody reads; [service] streams_per_caller is the limit",
             )
             await refusal_response(scope, found)(scope, receive, send)
             return

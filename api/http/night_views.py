@@ -33,7 +33,7 @@ class FramePathBody(Body):
     target_ra_deg: float | None = Field(
         default=None, ge=0, lt=360, description="Where its center was meant to be"
     )
-    target_dec_deg: float | None = Field(default=None, ge=-90, le=90)
+    target_dec_deg: float | None = Field(default=None, ge=-90, le=90, description="With target_ra_deg")
     target: Target | None = Field(
         default=None,
         description="Instead of those two; of one that moves its place in the middle of the exposure counts",
@@ -96,7 +96,7 @@ class FrameView(BaseModel):
     telescope: str
     source: str
     sha256: str
-    duplicate: bool = Field(description="This content was here before; it is not looked at again")
+    duplicate: bool = Field(description="This content was here before; it is not processed again")
     done: bool = Field(description="Whether all that follows is known")
     arrived_utc: datetime
     mid_exposure_utc: datetime | None

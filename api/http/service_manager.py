@@ -44,7 +44,7 @@ class ServiceManager:
                 link.connect(address)
                 link.send("\n".join(lines).encode())
         except OSError as error:
-            _log.warning("the service manager can't be told %s: %s", lines[0], error)
+            _log.warning("the service manager can't be notified of %s: %s", lines[0], error)
 
     async def feed_watchdog(self) -> None:
         """Feed it for as long as the event loop turns; returns at once where there is none."""

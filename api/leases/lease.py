@@ -107,7 +107,7 @@ def lease_of(row: LeaseRow, now_utc: datetime, now_s: float) -> Lease:
 
 
 _HOLD = "wait, ask its holder, or break it: POST /v1/telescopes/{id}/lease with force, role configure"
-_TAKE = "see where the telescope stands, then take it anew: POST /v1/telescopes/{id}/lease"
+_TAKE = "see where the telescope stands, then take it again: POST /v1/telescopes/{id}/lease"
 
 
 def holds(caller: Caller, lease: Lease) -> bool:

@@ -363,7 +363,7 @@ class Leases:
         except (MountnavError, Refused) as error:
             failed = str(error)
         except Exception as error:
-            _log.exception("the lease of %s on %s hit a fault", lease.holder, lease.telescope)
+            _log.exception("the lease of %s on %s failed unexpectedly", lease.holder, lease.telescope)
             failed = f"a fault in mountnav: {type(error).__name__}"
         # done, once: from now on the telescope is free, and a restart doesn't do it again
         self._acting.pop(lease.telescope, None)

@@ -104,7 +104,7 @@ class Listeners:
         )
         for name, end in zip(self._open, ended, strict=True):
             if isinstance(end, Exception):
-                _log.error("%s could not be shut well", name, exc_info=end)
+                _log.error("%s could not be closed cleanly", name, exc_info=end)
         self._open.clear()
 
 

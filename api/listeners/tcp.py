@@ -231,7 +231,7 @@ class TcpPort:
             pass
         except Exception:
             # one client's fault is not the others'
-            _log.exception("a client of %s hit a fault", self._name)
+            _log.exception("a client of %s failed unexpectedly", self._name)
         finally:
             self._here.leave(client)
             with contextlib.suppress(OSError):

@@ -132,7 +132,7 @@ class Certificate:
             try:
                 await asyncio.to_thread(self.refresh)
             except BadSettings as fault:
-                _log.error("%s: the certificate in force goes on: %s", self._name, fault)
+                _log.error("%s: the present certificate stays in use: %s", self._name, fault)
 
     def _died(self, fault: Exception) -> None:
         _log.error("%s: its certificate is not renewed any more: %s", self._name, fault_words(fault))

@@ -231,7 +231,7 @@ class NightRunner:
         folders = [folder.resolve() for folder in self._settings.folders]
         if not any(real.is_relative_to(folder) for folder in folders):
             raise BadRequest(
-                f"{path} lies in no folder that frames may be taken from",
+                f"{path} is not in a folder that frames may be taken from",
                 device=self.parts.telescope_id,
                 advice="set night.folder or night.allowed_folders: "
                 + (", ".join(map(str, folders)) or "there are none yet"),
@@ -259,7 +259,7 @@ class NightRunner:
             except Exception as fault:
                 if (words := fault_words(fault)) != told:
                     told = words
-                    _log.exception("%s: the night hit a fault and goes on", self.parts.telescope_id)
+                    _log.exception("%s: the night failed unexpectedly and goes on", self.parts.telescope_id)
                     self.parts.listen("night-fault", {"problem": words})
             await self._clock.sleep(1.0)
 

@@ -55,7 +55,7 @@ class SafetyFile:
             return f"the safety file gives no answer for {time.monotonic() - self._since_s:.0f} s"
         self._reading = None
         if (fault := reading.exception()) is not None:
-            _log.error("the safety file %s hit a fault", self.file, exc_info=fault)
+            _log.error("the safety file %s failed unexpectedly", self.file, exc_info=fault)
             return f"the safety file can't be read: {fault_words(fault)}"
         return reading.result()
 

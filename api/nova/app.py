@@ -144,8 +144,8 @@ class NovaApp:
         except MountnavError as error:
             response = _json(error_reply(str(error)))
         except Exception:
-            _log.exception("a request to the nova API hit a fault")
-            response = _json(error_reply("a fault in mountnav: its log tells more"), 500)
+            _log.exception("a request to the nova API failed unexpectedly")
+            response = _json(error_reply("a fault in mountnav: its log says more"), 500)
         await response(scope, receive, send)
 
     async def _respond(self, request: Request) -> Response:

@@ -121,14 +121,14 @@ def read_request(text: str | bytes) -> dict[str, Any]:
     except (ValueError, RecursionError) as fault:
         raise NovaError(f"failed to parse JSON: {fault}") from fault
     if not isinstance(found, dict):
-        raise NovaError("failed to parse JSON: it is no object")
+        raise NovaError("failed to parse JSON: it is not an object")
     if len(found) > _MOST_KEYS:
         raise NovaError(f"the JSON has {len(found)} keys: {_MOST_KEYS} are the most")
     return found
 
 
 def _no_constant(name: str) -> float:
-    raise ValueError(f"{name} is no number")
+    raise ValueError(f"{name} is not a number")
 
 
 def read_asked(request: Mapping[str, Any]) -> Asked:
@@ -183,11 +183,11 @@ def _number(request: Mapping[str, Any], name: str, least: float, greatest: float
     if value is None or value == "":
         return None
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise NovaError(f"{name} is no number")
+        raise NovaError(f"{name} is not a number")
     try:
         number = float(value[:_LONGEST_WORDS] if isinstance(value, str) else value)
     except (ValueError, OverflowError) as fault:
-        raise NovaError(f"{name} is no number") from fault
+        raise NovaError(f"{name} is not a number") from fault
     if not (math.isfinite(number) and least <= number <= greatest):
         raise NovaError(f"{name} = {number:g} is out of range: {least:g} to {greatest:g}")
     return number
@@ -198,7 +198,7 @@ def _whole(request: Mapping[str, Any], name: str, least: int, greatest: int) -> 
     if number is None:
         return None
     if number != int(number):
-        raise NovaError(f"{name} is no whole number")
+        raise NovaError(f"{name} is not a whole number")
     return int(number)
 
 
@@ -266,7 +266,7 @@ def stars_text(x: object, y: object) -> bytes:
         raise NovaError(f"x has {len(x)} numbers and y has {len(y)}")
     for name, values in (("x", x), ("y", y)):
         if any(type(value) not in (int, float) for value in values):
-            raise NovaError(f"{name} holds what is no number")
+            raise NovaError(f"{name} holds what is not a number")
         if not all(-MOST_SIDE_PX < value < MOST_SIDE_PX for value in values):
             raise NovaError(f"{name} holds a number beyond {MOST_SIDE_PX} pixels")
     return "".join(f"{one!r} {other!r}\n" for one, other in zip(x, y, strict=True)).encode("ascii")

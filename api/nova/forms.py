@@ -75,7 +75,7 @@ def boundary_of(content_type: str) -> bytes | None:
     found = _BOUNDARY.match(content_type.strip())
     boundary = (found[1] or found[2]).encode("latin-1", "replace") if found else b""
     if not boundary or len(boundary) > _LONGEST_BOUNDARY:
-        raise NovaError("the multipart body tells no boundary")
+        raise NovaError("the multipart body gives no boundary")
     return boundary
 
 

@@ -119,7 +119,7 @@ class NovaJobs:
 
     async def _carried_out(self, job: Submission, hint: Hint | None, lost: str) -> None:
         verdict: Verdict | None = None
-        error = "the service is going down"
+        error = "the service is shutting down"
         try:
             async with self._turn:
                 job.status, job.started_utc = "solving", utc_now()
@@ -127,8 +127,8 @@ class NovaJobs:
         except (MountnavError, Refused) as fault:
             error = fault.problem.detail if isinstance(fault, Refused) else str(fault)
         except Exception:
-            _log.exception("a job of the nova API hit a fault")
-            error = "a fault in mountnav: its log tells more"
+            _log.exception("a job of the nova API failed unexpectedly")
+            error = "a fault in mountnav: its log says more"
         finally:
             self._under_way -= 1
             if verdict is None or verdict.solution is None:
@@ -291,7 +291,7 @@ def _told(job: Submission, hint: Hint | None, lost: str, verdict: Verdict | None
         f"pixel scale {numbers.pixscale_arcsec:.6g} arcsec/pix",
         f"orientation {numbers.orientation_deg:.4f} deg, parity {numbers.determinant_sign:+d}",
         f"{solution.pairs} stars, rms {solution.rms_arcsec:.3f} arcsec, {solution.mode}, {solution.catalog}",
-        f"chance of a wrong position: {solution.false_probability:.1e}",
+        f"probability of a wrong position: {solution.false_probability:.1e}",
     ]
     found = 0 if numbers.determinant_sign > 0 else 1
     if job.asked.parity not in (2, found):

@@ -235,5 +235,5 @@ async def _opened(about: str, device: Mount | Camera, words: Callable[..., str])
         return _wrong(about, error)
     report = getattr(device, "report", None)
     doubtful = report is not None and bool(report.problems)
-    fix = "see mountnav site-time, or set the mount right" if doubtful else ""
+    fix = "see mountnav site-time, or correct the mount" if doubtful else ""
     return Finding(about, "doubtful" if doubtful else "right", said, fix)

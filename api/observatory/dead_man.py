@@ -130,7 +130,11 @@ class MountGuard:
         try:
             self._order(*armed)
         except DeviceRefused as error:
-            _log.error("%s: nobody would end what goes on if the service died: %s", self._telescope, error)
+            _log.error(
+                "%s: if the service died, nothing would end what the mount is doing: %s",
+                self._telescope,
+                error,
+            )
 
     async def close(self) -> None:
         """End it; one that has work ends by itself after that. Twice is fine."""
@@ -146,7 +150,7 @@ class MountGuard:
 
     def _no_guard(self, error: OSError) -> DeviceRefused:
         return DeviceRefused(
-            f"the guard that would end this if the service died can't be started: {error}",
+            f"the guard process, which ends motion if the service dies, can't be started: {error}",
             device=self._telescope,
             advice="see the service's log; without a guard nothing may go on by itself "
             "(following.guard = false, if that is meant)",
@@ -230,7 +234,7 @@ class MountGuard:
             make_private_folder(self._folder)
             number = open_lock(self._lock_file)
         except OSError as error:
-            _log.warning("%s: guards can't tell who has the mount: %s", self._telescope, error)
+            _log.warning("%s: guards can't find out who controls the mount: %s", self._telescope, error)
             return
         while True:
             try:
@@ -238,7 +242,7 @@ class MountGuard:
                 fcntl.lockf(number, fcntl.LOCK_SH | fcntl.LOCK_NB)
             except OSError:
                 if loop.time() > until_s:
-                    _log.warning("%s: a guard of an earlier run still has the mount", self._telescope)
+                    _log.warning("%s: a guard of an earlier run still controls the mount", self._telescope)
                     os.close(number)
                     return
                 if not told:

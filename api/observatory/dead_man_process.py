@@ -277,13 +277,13 @@ async def _end(of: dict[str, Any], what: list[str], *, by_stop: bool) -> str:
                 await mount.set_offset_rates(STARS_RATES)
                 said = await mount.offset_rates()
                 if said is not None and max(abs(said.ra_arcsec_s), abs(said.dec_arcsec_s)) > of["zero"]:
-                    raise DeviceRefused(f"it says to have rates of {said} still")
+                    raise DeviceRefused(f"it says that it still has rates of {said}")
             elif of["on_loss"] != "stop":
                 # it has lost that skill: nothing is surer than a mount that stands still
                 await mount.stop()
             if of["on_loss"] == "stop" and Skill.TRACK in skills and isinstance(mount, Skilled):
                 await mount.set_tracking(False)
-            done.append("rates beside the stars'")
+            done.append("offset rates")
     finally:
         with contextlib.suppress(DeviceError):
             await mount.close()

@@ -185,7 +185,7 @@ class Telescope:
             try:
                 await self.navigator.stop()
             except MountnavError as error:
-                _log.error("%s could not be stopped on the way down: %s", self.id, error)
+                _log.error("%s could not be stopped while the service was shutting down: %s", self.id, error)
             await self._release()
         self.is_open = False
         if self.dead_man is not None:

@@ -23,7 +23,7 @@ from mountnav.tasks import fault_words
 
 _log = logging.getLogger(__name__)
 
-_FAULT_ADVICE = "it is tried again by itself, and stops are taken; the service's log has more"
+_FAULT_ADVICE = "mountnav tries again by itself, and stops are taken; the service's log has more"
 LESSONS_READ = 1000
 """Of what was learned: one row of the camera each ten looks, and those of the mount's rates between them.
 Halved, a correction of rates is forgotten after 5,000 looks."""

@@ -300,7 +300,9 @@ class Dispatcher:
                 return known
             if not safe and (why := self._unwritable()) is not None:
                 raise JournalFailed(
-                    why, device=telescope.id, advice="it is tried again by itself; stops and parks are taken"
+                    why,
+                    device=telescope.id,
+                    advice="mountnav tries again by itself; stops and parks are taken",
                 )
             self._leases.require(caller, telescope.id)
             self._require_unstopped(telescope.id, stops_given)

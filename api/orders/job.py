@@ -146,7 +146,7 @@ def stopped(job: Job) -> Cancelled:
         return Cancelled(
             f"superseded by job {job.superseded_by} ({job.superseded_by_kind})",
             device=job.telescope,
-            advice=f"GET /v1/jobs/{job.superseded_by} tells what became of that one",
+            advice=f"GET /v1/jobs/{job.superseded_by} says what became of that one",
         )
     return Cancelled(
         job.why_stopped or "stopped on request",

@@ -381,7 +381,7 @@ class TelescopeView(BaseModel):
     )
     problem: str | None = Field(description="What is wrong, in words")
     trusted: bool | None = Field(
-        default=None, description="Whether the mount's position counts; if not, it refuses to slew"
+        default=None, description="Whether the mount's position is trusted; if not, it refuses to slew"
     )
     contradiction: str | None = Field(
         default=None,
@@ -412,7 +412,7 @@ class TelescopeView(BaseModel):
     )
     next_limit: NextLimitView | None = None
     rates: RatesInForceView | None = Field(
-        default=None, description="Rates of a moving target; null: it follows the stars, or nothing"
+        default=None, description="Rates of a moving target; null: it tracks the stars, or nothing"
     )
     following: FollowingView | None = Field(default=None, description="What is followed; null: nothing is")
     axes_moved: list[AxisMovesView] = Field(default_factory=list, description="Axes moved by hand just now")

@@ -204,7 +204,7 @@ class JobMemory:
             )
         except Exception:
             # a result that can't be shown is a fault of ours, and no reason to forget how the job ended
-            _log.exception("the result of job %s can't be written down", job.id)
+            _log.exception("the result of job %s can't be written to the journal", job.id)
             row = replace(self._row(job), state=str(state), phase="ended")
         saving = waited_for(self._store.save(row))
         while not saving.done():
@@ -212,9 +212,9 @@ class JobMemory:
             with contextlib.suppress(asyncio.CancelledError):
                 await asyncio.wait({saving})
         if isinstance(error := saving.exception(), JournalFailed):
-            _log.error("the end of job %s is not written down yet: %s", job.id, error)
+            _log.error("the end of job %s is not in the journal yet: %s", job.id, error)
         elif error is not None:
-            _log.error("the end of job %s is not written down", job.id, exc_info=error)
+            _log.error("the end of job %s is not in the journal", job.id, exc_info=error)
 
     def _shown(self, job: Job, result: object | None) -> Mapping[str, object] | None:
         if result is None or isinstance(result, Mapping):
@@ -326,7 +326,7 @@ class Jobs:
         if known is not None:
             return known
         if self._closing:
-            raise Refused(problem("closing", 503, "the service is going down", retryable=True))
+            raise Refused(problem("closing", 503, "the service is shutting down", retryable=True))
         line = self._line.setdefault(telescope, [])
         inside = within is not None and bool(line) and line[-1].kind == within
         if line and make_room is None and not inside:
@@ -437,7 +437,7 @@ class Jobs:
         self._closing = True
         tasks = list(self._tasks.values())
         for job in [job for line in self._line.values() for job in line]:
-            self.cancel(job, "the service went down")
+            self.cancel(job, "the service was shut down")
         await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _run(
@@ -480,7 +480,9 @@ class Jobs:
             async with asyncio.timeout(_SAFE_WAITS_S if even_unwritten else None):
                 await self._memory.write(job)
         except TimeoutError:
-            _log.error("job %s (%s %s) begins before it is written down", job.id, job.kind, job.telescope)
+            _log.error(
+                "job %s (%s %s) began before it was written to the journal", job.id, job.kind, job.telescope
+            )
         except JournalFailed as failure:
             if not even_unwritten:
                 job.unwritten = failure
@@ -488,7 +490,9 @@ class Jobs:
                 self._memory.forget_key(job)
                 job.written.set()
                 raise
-            _log.error("job %s (%s %s) begins unwritten: %s", job.id, job.kind, job.telescope, failure)
+            _log.error(
+                "job %s (%s %s) began without a journal entry: %s", job.id, job.kind, job.telescope, failure
+            )
         job.written.set()
 
     def _end(

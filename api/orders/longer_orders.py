@@ -163,9 +163,9 @@ async def run_series(
         tell(view.model_copy(update={"elapsed_s": clock.monotonic_s() - began_s}).model_dump(mode="json"))
         if failed >= FAILURES_IN_A_ROW:
             raise SolveFailed(
-                f"{failed} looks in a row were not solved: given up after {number} of {order.looks}",
+                f"{failed} looks in a row were not solved: stopped after {number} of {order.looks}",
                 device=navigator.name,
-                advice="look for clouds, dew, focus; the looks that were solved are in the journal",
+                advice="check for clouds, dew and focus; the solved looks are in the journal",
                 reason="given up",
             )
         left_s = order.every_s - (clock.monotonic_s() - began_s)
@@ -173,7 +173,10 @@ async def run_series(
             await clock.sleep(left_s)
     if not seen:
         raise SolveFailed(
-            "no look was solved", device=navigator.name, advice="look for clouds, dew, focus", reason="none"
+            "no look was solved",
+            device=navigator.name,
+            advice="check for clouds, dew and focus",
+            reason="none",
         )
     # the first fit loads scipy: not in the loop, where a stop would wait for that
     drift, at = await asyncio.to_thread(drift_of, [taken.look for taken in seen])

@@ -170,7 +170,7 @@ def _fitted(
     about: ModelledTelescope, taken: dict[Part, list[PointingObservation]]
 ) -> tuple[Made, PointingModel]:
     if not taken["fit"]:
-        raise ModelRefused("no point of the run was solved", advice="look for clouds, dew, focus")
+        raise ModelRefused("no point of the run was solved", advice="check for clouds, dew and focus")
     assert about.conversion is not None
 
     def part(name: Part) -> Mechanical | None:

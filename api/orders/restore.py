@@ -148,7 +148,7 @@ class RestoredState:
     def _faulted(self, fault: Exception) -> None:
         words = fault_words(fault)
         if words != self._fault:
-            _log.error("something that was to be read in the journal hit a fault", exc_info=fault)
+            _log.error("reading from the journal failed unexpectedly", exc_info=fault)
         self._fault = words
 
 

@@ -319,7 +319,7 @@ class HoldKnownView(BaseModel):
     """What a hold has found out: what the mount does by itself, on the sky."""
 
     drift_east_arcsec_min: Finite = Field(
-        description="Null, as all drift and amplitudes, where it is corrected by pulses and doesn't tell its "
+        description="Null, as all drift and amplitudes, where it is corrected by pulses and doesn't give its "
         "guide rate: nobody knows how much they do then"
     )
     drift_east_sigma_arcsec_min: Finite

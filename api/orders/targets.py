@@ -173,13 +173,13 @@ def _instant(text: str) -> str:
     try:
         read = datetime.fromisoformat(text)
     except ValueError:
-        raise ValueError(f"{text!r} is no time such as 2026-11-26T22:00:00Z") from None
+        raise ValueError(f"{text!r} is not a time such as 2026-11-26T22:00:00Z") from None
     if read.utcoffset() is None:
         raise ValueError(f"{text!r} doesn't say its time zone: end it with Z for UTC")
     try:
         return read.astimezone(UTC).isoformat().replace("+00:00", "Z")
     except OverflowError:
-        raise ValueError(f"{text!r} lies outside of all years") from None
+        raise ValueError(f"{text!r} is outside the years that are supported") from None
 
 
 Instant = Annotated[
@@ -271,8 +271,8 @@ class RatesTarget(MovingTarget):
                 )
             case _:
                 raise BadRequest(
-                    "rates want all of ra_deg, dec_deg, ra_arcsec_s and dec_arcsec_s, "
-                    "or all of az_deg, alt_deg, az_arcsec_s and alt_arcsec_s, and nothing of the other four"
+                    "rates need all of ra_deg, dec_deg, ra_arcsec_s and dec_arcsec_s, "
+                    "or all of az_deg, alt_deg, az_arcsec_s and alt_arcsec_s, and none of the other four"
                 )
 
 
@@ -313,7 +313,7 @@ class PathTarget(MovingTarget):
             ),
             "icrs" if isinstance(self.waypoints[0], IcrsWaypoint) else "altaz",
             air,
-            self.name or "a way by waypoints",
+            self.name or "a path by waypoints",
             self.sigma_arcsec,
         )
 
@@ -393,7 +393,7 @@ def _the_one(found: tuple[_Elements, ...]) -> _Elements:
     if len(found) > 1:
         names = ", ".join(one.name for one in found[:5])
         raise BadRequest(
-            f"these are elements of {len(found)} objects ({names}); one is wanted",
+            f"these are elements of {len(found)} objects ({names}); exactly one is needed",
             advice="import the file, and order by name: mountnav ephemeris import FILE",
         )
     return found[0]
@@ -501,7 +501,7 @@ def require_filter(target: AnyTarget, *, solar_filter: bool) -> None:
     if solar_filter or not isinstance(target, NamedTarget) or not target.is_sun:
         return
     raise OutsideLimits(
-        "the Sun is no target for a telescope without a solar filter",
+        "the Sun is not a target for a telescope without a solar filter",
         advice="put the filter on, and say solar_filter = true in the telescope's [telescope.limits]",
         limit=LimitKind.SUN,
     )

@@ -564,10 +564,10 @@ class SolveOrder(OrderBody):
         except BadRequest as wrong:
             raise ValueError(f"{wrong.what}: {wrong.advice}") from wrong
         if self.path is not None and self.exposure_s is not None:
-            raise ValueError("either path or exposure_s: a file is not exposed")
+            raise ValueError("give give either path or exposure_s: a file is not exposed")
         of_a_file = hint is not None or self.blind is not None or self.budget_s is not None
         if self.path is None and of_a_file:
-            raise ValueError("a place, a scale, blind and budget_s are for a file: give its path, too")
+            raise ValueError("center, scale, blind and budget_s are for a file: give its path, too")
         return self
 
 

@@ -119,7 +119,7 @@ class Lx200Server(OneTelescopeServer):
                 if len(first) < _FIRST_BYTES:
                     first += data[:_FIRST_BYTES]
                     if is_http(first):
-                        _log.warning("%s: a web browser has sent something to the LX200 port", self._id)
+                        _log.warning("%s: a web browser sent a request to the LX200 port", self._id)
                         break
                 # an order that came before a stop in the same write is dropped by it, and never begun
                 came: list[Waiting] = []

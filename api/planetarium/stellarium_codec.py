@@ -67,7 +67,7 @@ class GotoStream:
         while len(self._buffer) >= 4:
             length, kind = struct.unpack_from("<HH", self._buffer)
             if length != _GOTO.size or kind != 0:
-                raise NotStellarium(f"a message of {length} bytes and type {kind} is no goto")
+                raise NotStellarium(f"a message of {length} bytes and type {kind} is not a goto")
             if len(self._buffer) < length:
                 break
             message, self._buffer = self._buffer[:length], self._buffer[length:]

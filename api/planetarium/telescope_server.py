@@ -99,7 +99,7 @@ def telescope_of(service: Service, named: str | None, section: str) -> str:
         return ids[0]
     if named not in ids:
         raise BadSettings(
-            f"{section}.telescope names {named!r}, which isn't there",
+            f"{section}.telescope names {named!r}, which does not exist",
             advice=f"there is: {', '.join(ids) or 'none'}",
         )
     return named

@@ -45,7 +45,7 @@ def diagnosed(
     noise = None
     if points_within_arcsec is not None:
         if not points_within_arcsec > 0.0:
-            raise BadRequest(f"{points_within_arcsec}″ is no pointing error", advice="> 0")
+            raise BadRequest(f"{points_within_arcsec}″ is not a pointing error", advice="> 0")
         geometry = within(points_within_arcsec)
     if model is not None:
         geometry, noise = geometry_of(model)

@@ -118,7 +118,7 @@ def _site(latitude: float | None, longitude: float | None, known: Site | None) -
     if latitude is not None and longitude is not None:
         if not (-90.0 <= latitude <= 90.0 and -180.0 <= longitude <= 180.0):
             raise BadRequest(
-                f"{latitude}, {longitude} is no site", advice="deg: -90 to 90, -180 to 180 (east)"
+                f"{latitude}, {longitude} is not a site", advice="deg: -90 to 90, -180 to 180 (east)"
             )
         return Site(latitude, longitude)
     if known is None:

@@ -206,7 +206,7 @@ def _journal(
     from mountnav.journal.observations import observations
 
     if not about.telescope:
-        raise BadRequest("whose looks are wanted of the journal?", advice="give --telescope")
+        raise BadRequest("the journal holds several telescopes", advice="give --telescope")
     looks = observations(given, about.telescope, since, until)
     if not looks:
         raise BadRequest(f"the journal {given} has no solved look of {about.telescope} in that time")

@@ -221,7 +221,7 @@ async def _checked(
     family = url.partition("://")[0].partition("+")[0]
     mount = open_mount(url) if family in SETTLED else None
     if not isinstance(mount, GenericMount) or not isinstance(mount.language, SerialLanguage):
-        return WireCheck(f"the wire of {family} is not read again: its answers alone don't tell a place")
+        return WireCheck(f"the wire of {family} is not read again: its answers alone don't give a place")
     mount.language.take_line(TapeLine(turns_of(recording), clock))
     alike = unanswered = 0
     try:
@@ -348,7 +348,7 @@ def _identifier(
         identify = partial(_by_series, telescope, settings, shelf)
         identify()  # masters that can't be read are found here
     except (BadSettings, BadRequest, BadFrame) as trouble:
-        return None, f"no frame was identified anew: {trouble}"
+        return None, f"no frame was identified again: {trouble}"
     return identify, ""
 
 

@@ -83,7 +83,7 @@ class BlindIndexKeeper:
         except MountnavError as error:
             self._failed, self._trouble = True, str(error)
         except Exception as error:  # hinted frames are solved all the same
-            _log.exception("looking for the blind index hit a fault")
+            _log.exception("looking for the blind index failed unexpectedly")
             self._failed = True
             self._trouble = f"it could not be looked for: {type(error).__name__}; the log has more"
 
@@ -131,7 +131,7 @@ class BlindIndexKeeper:
         except MountnavError as error:
             self._failed, self._trouble = True, f"it could not be built: {error}"
         except Exception as error:
-            _log.exception("building the blind index hit a fault")
+            _log.exception("building the blind index failed unexpectedly")
             self._failed = True
             self._trouble = f"it could not be built: {type(error).__name__}; the log has more"
         finally:

@@ -36,7 +36,7 @@ def make_hint(
         and scale_high_arcsec_px is not None
         and scale_low_arcsec_px > scale_high_arcsec_px
     ):
-        raise BadRequest("the lower bound of the scale is above the upper one", advice="exchange them")
+        raise BadRequest("the lower bound of the scale is above the upper one", advice="swap them")
     center = None if ra_deg is None or dec_deg is None else Icrs(ra_deg, dec_deg)
     hint = Hint(
         center=center, scale_low_arcsec_px=scale_low_arcsec_px, scale_high_arcsec_px=scale_high_arcsec_px

@@ -135,7 +135,7 @@ class ProcessLink:
         except BadAnswer as error:
             self.kill()
             raise ProcessEnded(
-                f"process {self.pid} was ended, for it sent no answer of ours: {error}"
+                f"process {self.pid} was ended, because it sent an invalid answer: {error}"
             ) from error
         except (OSError, EOFError) as error:
             raise await asyncio.to_thread(self._how) from error
@@ -297,7 +297,7 @@ def pixels_in(file: int, told: Done) -> NDArray[np.generic]:
     with FileIO(file, closefd=False) as opened:
         content = OnDisk(opened)
         if count > MOST_PIXELS or len(content) != count * kind.itemsize:
-            raise ProcessEnded(f"the solver told of {count} pixels and left {len(content)} bytes")
+            raise ProcessEnded(f"the solver announced {count} pixels and left {len(content)} bytes")
         try:
             return stored(content, kind, count, 0).reshape(told.shape)
         except EOFError as fault:

@@ -227,7 +227,7 @@ def _plain(value: object, arrays: list[bytes]) -> Any:
     """The value in JSON's own kinds; arrays are put aside."""
     if isinstance(value, np.ndarray):
         if value.dtype.kind not in "biuf":
-            raise TypeError(f"arrays of {value.dtype} have no place in an answer")
+            raise TypeError(f"arrays of {value.dtype} can't be part of an answer")
         at = sum(map(len, arrays))
         whole = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
         arrays.append(whole.tobytes())
@@ -246,7 +246,7 @@ def _plain(value: object, arrays: list[bytes]) -> Any:
         return {str(key): _plain(one, arrays) for key, one in value.items()}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: _plain(getattr(value, field.name), arrays) for field in dataclasses.fields(value)}
-    raise TypeError(f"{type(value).__name__} has no place in an answer")
+    raise TypeError(f"{type(value).__name__} can't be part of an answer")
 
 
 @cache
@@ -302,7 +302,7 @@ def _one_of(value: Any, kinds: tuple[Any, ...], arrays: memoryview) -> Any:
             return _made(value, kind, arrays)
         except (BadAnswer, ValueError):
             continue
-    raise BadAnswer(f"{type(value).__name__} is none of what was expected")
+    raise BadAnswer(f"{type(value).__name__} is not one of the expected types")
 
 
 def _tuple(values: list[Any], kinds: tuple[Any, ...], arrays: memoryview) -> tuple[Any, ...]:

@@ -243,7 +243,7 @@ class Worker:
                 request.answer.set_exception(error)
             elif not isinstance(error, MountnavError):
                 # nobody else would ever hear of it; what is said of a frame concerns who asked alone
-                _log.error("a frame that nobody waits for any more hit a fault", exc_info=error)
+                _log.error("a frame that nobody waits for any more failed unexpectedly", exc_info=error)
         else:
             if not request.answer.done() and answer is not None:
                 request.answer.set_result(answer)
@@ -261,7 +261,7 @@ class Worker:
         except ProcessEnded as ended:
             _log.error("the solver can't be started: %s", ended)
         except Exception as error:  # the runner lives on: anyone who asks next is told
-            _log.exception("starting the solver hit a fault")
+            _log.exception("starting the solver failed unexpectedly")
             self._state = f"failed: {type(error).__name__}; the log has more"
 
     async def _next(self) -> _Request:
@@ -433,4 +433,4 @@ def _refuse(request: _Request) -> None:
 
 
 def _going_down() -> Refused:
-    return Refused(problem("closing", 503, "the service is going down", retryable=True))
+    return Refused(problem("closing", 503, "the service is shutting down", retryable=True))

@@ -268,13 +268,13 @@ def _hint(call: _Run, facts: ImageFacts) -> tuple[Icrs | None, float, Field | No
         if ra_h is not None and spd_deg is not None:
             center = place(15.0 * ra_h, spd_deg - 90.0)
         if center is None:
-            call.say("-ra (hours) and -spd (degrees) name no place, they are passed over")
+            call.say("-ra (hours) and -spd (degrees) name no place, they are skipped")
     stated = None
     fov_deg = options.number("fov")
     if fov_deg is not None and 0.0 < fov_deg < 180.0:
         stated = Field(fov_deg, facts.height_px, "-fov")
     elif "fov" in options and fov_deg != 0.0:
-        call.say("-fov names no height in degrees, it is passed over")
+        call.say("-fov names no height in degrees, it is skipped")
     ignored = [f"-{name}" for name in _IGNORED if name in options]
     if ignored:
         call.say(f"not needed: {' '.join(ignored)}")
@@ -476,7 +476,7 @@ def _focus(options: Options, host: Host, solver: Solver) -> int:
         median = _measured(frame, DEFAULT_SNR).median_px
         if not isinstance(place_of, int | float) or median is None:
             why = "no stars" if median is None else f"no card {' or '.join(_FOCUS_CARDS)}"
-            host.err(f"{one_line(path)}: {why}, it is passed over\n")
+            host.err(f"{one_line(path)}: {why}, it is skipped\n")
             continue
         positions.append(float(place_of))
         diameters.append(median)

@@ -400,7 +400,7 @@ def _write_solution(
     history = [
         "Created by mountnav, in the manner of astrometry.net's solve-field.",
         f"{solution.pairs} stars of {solution.catalog}, "
-        f"chance of being wrong {solution.false_probability:.1e}.",
+        f"probability of being wrong {solution.false_probability:.1e}.",
     ]
     if "wcs" in names:
         write(names["wcs"], wcs_header(cards, history=history))
@@ -451,7 +451,9 @@ def _tell_solved(call: _Call, name: str, verdict: Verdict, cards: dict[str, str 
     assert solution is not None
     wcs = _field(cards)
     center, (width, height, unit) = wcs.center, wcs.size
-    call.out(f"  {solution.pairs} stars identified, chance of being wrong {solution.false_probability:.1e}.")
+    call.out(
+        f"  {solution.pairs} stars identified, probability of being wrong {solution.false_probability:.1e}."
+    )
     for contradiction in verdict.contradictions:
         call.out(f"  A hint was wrong: {contradiction}.")
     # INDI's driver reads the scale here, and nothing after it knows all that it wants

@@ -167,7 +167,7 @@ def options_wanted(arguments: list[str]) -> tuple[Parted, Wanted]:
     center = None if ra is None or dec is None else Icrs(_ra_deg(ra), _dec_deg(dec))
     low, high = (_positive(asked.last(name)) for name in ("scale-low", "scale-high"))
     if low is not None and high is not None and low > high:
-        raise BadRequest("--scale-low is above --scale-high", advice="exchange them")
+        raise BadRequest("--scale-low is above --scale-high", advice="swap them")
     units = asked.last("scale-units") or "degwidth"
     unit = _UNITS.get(units.lower())
     if unit is None:
@@ -247,5 +247,5 @@ def _plain(text: str) -> float | None:
         return None
     value = float(match[0])
     if not math.isfinite(value):
-        raise BadRequest(f"{text} is no angle", advice="give degrees")
+        raise BadRequest(f"{text} is not an angle", advice="give degrees")
     return value

@@ -347,7 +347,7 @@ def cards_of(file: BinaryIO, label: str, extension: int = 0) -> dict[str, Value]
     """The cards of one header of a FITS file. Raises `BadFrame`."""
     content = OnDisk(FileIO(file.fileno(), "rb", closefd=False))
     if content[:6] != b"SIMPLE":
-        raise BadFrame("it is no FITS file", device=label, advice="give the .wcs file of a solved frame")
+        raise BadFrame("it is not a FITS file", device=label, advice="give the .wcs file of a solved frame")
     hdus = walk(content, label)
     if not 0 <= extension < len(hdus):
         raise BadFrame(f"there is no extension {extension}", device=label, advice=f"it has {len(hdus)}")

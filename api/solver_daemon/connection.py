@@ -83,7 +83,7 @@ class StubHost:
         opened = cast(BinaryIO, os.fdopen(file, "rb"))
         if not stat.S_ISREG(os.fstat(file).st_mode):
             opened.close()
-            raise OSError(22, "it is no regular file", path)
+            raise OSError(22, "it is not a regular file", path)
         return opened
 
     def write(self, path: str, content: bytes) -> None:

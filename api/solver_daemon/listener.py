@@ -257,7 +257,7 @@ class SolverSocket:
             try:
                 threading.Thread(target=self._serve, args=(link,), name="solver call", daemon=True).start()
             except RuntimeError:  # no thread is left: the caller sees to itself
-                _log.exception("a call of a command was let go")
+                _log.exception("a command's call was dropped")
                 link.close()
                 self._over(link)
 

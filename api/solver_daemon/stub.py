@@ -158,7 +158,7 @@ class Talk:
             number = os.open(content, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
             try:
                 if os.fstat(number).st_mode & 0o170000 != 0o100000:
-                    raise OSError(22, "it is no regular file")
+                    raise OSError(22, "it is not a regular file")
                 if self.local:
                     self.send(b"F", file=number)
                 else:

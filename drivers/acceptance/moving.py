@@ -99,7 +99,7 @@ def judged_rate(ordered: float, measured: float, other: float, sure: float) -> t
     if abs(measured) <= free:
         if abs(other) >= abs(ordered) - free:
             return "other axis", f"it moved the other axis, by {other:+.2f} arcsec/s"
-        return "ignored", "it moved as for a star"
+        return "ignored", "it moved at the sidereal rate"
     if abs(other) > free:
         return "other axis too", f"its other axis moved by {other:+.2f} arcsec/s"
     if abs(measured - ordered) <= free:
@@ -135,7 +135,7 @@ async def rates(trial: Trial) -> list[Finding]:
         ]
     for name, ordered in (("ra", OffsetRates(ra, 0.0)), ("dec", OffsetRates(0.0, dec))):
         if ordered.none:
-            findings.append(Finding(f"rates.{name}", "not tried", words="it takes none there"))
+            findings.append(Finding(f"rates.{name}", "not tried", words="it has no rate of its own there"))
             continue
         findings += await _at_rates(trial, f"rates.{name}", ordered)
     if ra and dec:

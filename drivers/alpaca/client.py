@@ -149,7 +149,7 @@ async def answered(
     async with client.stream(method, url, headers=asked, data=said) as response:
         packing = response.headers.get("content-encoding", "").strip().lower()
         if packing not in (*_PLAIN, *_PACKED):
-            raise Malformed(f"an answer that is packed as {packing[:40]!r}")
+            raise Malformed(f"an answer that is compressed as {packing[:40]!r}")
         unpacking = zlib.decompressobj(_EITHER_WRAPPING) if packing in _PACKED else None
         body = bytearray()
         async for piece in response.aiter_raw():
@@ -157,12 +157,12 @@ async def answered(
                 try:
                     piece = unpacking.decompress(piece, most_bytes - len(body) + 1)
                 except zlib.error as broken:
-                    raise Malformed(f"an answer whose packing is damaged: {broken}") from broken
+                    raise Malformed(f"an answer whose compression is damaged: {broken}") from broken
             body += piece
             if len(body) > most_bytes:
                 raise Malformed(f"an answer of more than {most_bytes} bytes")
         if unpacking is not None and body and not unpacking.eof:
-            raise Malformed("a packed answer that ends in the middle")
+            raise Malformed("a compressed answer that is cut off")
     left = [(name, value) for name, value in response.headers.items() if name != "content-encoding"]
     return httpx.Response(response.status_code, headers=left, content=bytes(body))
 
@@ -171,7 +171,7 @@ _NO_ACCESS = (401, 403)
 """HTTP states that mean a wrong or missing password."""
 _LATER = (408, 429)
 """What a busy server says; all else between 400 and 499 is a no."""
-_UNKNOWN = ": whether it was taken up is not known"
+_UNKNOWN = ": whether the order was accepted is not known"
 
 
 def require_understood(response: httpx.Response, what: str, device: str, *, order: bool = False) -> None:
@@ -192,13 +192,13 @@ def require_understood(response: httpx.Response, what: str, device: str, *, orde
     said = excerpt(response.content)
     if status in _NO_ACCESS:
         raise DeviceMissing(
-            f"the server wants to know who we are (HTTP status {status})",
+            f"the server asks for a login (HTTP status {status})",
             device=device,
             advice="put user:password@ before the host in its URL",
         )
     if 300 <= status < 400:
         raise DeviceMissing(
-            f"the server sends us elsewhere (HTTP status {status}, {response.headers.get('location')!r})",
+            f"the server redirects (HTTP status {status}, {response.headers.get('location')!r})",
             device=device,
             advice="put the address it names into the URL",
         )
@@ -220,7 +220,7 @@ def require_understood(response: httpx.Response, what: str, device: str, *, orde
 def garbled(what: str, fault: Exception, device: str, *, order: bool = False) -> DeviceGarbled:
     """Make the error of an answer that makes no sense."""
     return DeviceGarbled(
-        f"answered {what} with nonsense: {fault}{_UNKNOWN if order else ''}",
+        f"gave a nonsensical answer to {what}: {fault}{_UNKNOWN if order else ''}",
         device=device,
         advice="is it an Alpaca server, without a proxy between?",
     )
@@ -228,7 +228,7 @@ def garbled(what: str, fault: Exception, device: str, *, order: bool = False) ->
 
 def understood(what: str, fault: Malformed, device: str) -> DeviceGarbled:
     """Make the error of a value that makes no sense."""
-    return DeviceGarbled(f"told nonsense of its {what}: {fault}", device=device, advice="see its driver")
+    return DeviceGarbled(f"gave nonsense as its {what}: {fault}", device=device, advice="see its driver")
 
 
 def require_known(one: DeviceRefused) -> None:
@@ -443,7 +443,8 @@ class AlpacaClient:
                 response = await answered(client, "PUT", url, most_bytes=MOST_ANSWER_BYTES, said=said)
         except TimeoutError as late:
             raise DeviceSilent(
-                f"no answer to {member} within {deadline_s:.1f} s: whether it was taken up is not known",
+                f"no answer to {member} within {deadline_s:.1f} s: whether the "
+                "order was accepted is not known",
                 device=self.address,
                 advice="see what it does before the next order",
             ) from late
@@ -452,7 +453,7 @@ class AlpacaClient:
         except httpx.TransportError as fault:
             raise DeviceSilent(
                 f"the connection broke before {member} was answered ({_words(fault)}): "
-                "whether it was taken up is not known",
+                "whether the order was accepted is not known",
                 device=self.address,
                 advice="see what it does before the next order",
             ) from fault

@@ -110,7 +110,7 @@ class AlpacaDevice:
                 # members of the first version were not numbered yet
                 require_known(refused)
                 return 1
-            there = ", ".join(await self.client.described()) or "it doesn't tell which"
+            there = ", ".join(await self.client.described()) or "it doesn't say which"
             where = self.client.where
             raise DeviceMissing(
                 f"the server has no {where.kind} {where.number} ({refused.words})",

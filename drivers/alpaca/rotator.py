@@ -74,7 +74,7 @@ class AlpacaRotatorLanguage(ServedDevice[AlpacaDevice]):
                 self._open = True
             except AlpacaRefused as refused:
                 raise DeviceRefused(
-                    f"it doesn't tell its angle: {refused.words}",
+                    f"it doesn't give its angle: {refused.words}",
                     device=self._name,
                     advice="is it a rotator?",
                     reason=Refusal.UNSUPPORTED,

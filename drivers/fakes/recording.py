@@ -126,7 +126,7 @@ def read_dialogue(path: Path | str) -> list[tuple[bytes, bytes]]:
                 turns[-1][1].extend(bytes.fromhex(entry["hex"]))
         except (ValueError, KeyError, TypeError) as cause:
             raise BadSettings(
-                f"line {number} is no line of a recording",
+                f"line {number} is not a line of a recording",
                 device=str(path),
                 advice='each is JSON with "t", "dir", and "hex" where bytes went',
             ) from cause

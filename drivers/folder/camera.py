@@ -250,7 +250,7 @@ class FolderCamera:
     def _timed(self, frame: Frame) -> Frame:
         if frame.mid_exposure_utc is None:
             raise BadFrame(
-                f"{frame.source} tells no time of exposure (DATE-OBS)",
+                f"{frame.source} gives no time of exposure (DATE-OBS)",
                 device=self._name,
                 advice="have the capture program write DATE-OBS and EXPTIME",
             )

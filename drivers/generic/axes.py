@@ -68,7 +68,7 @@ class Axes:
         session = self._session
         spans = session.language.axis_rates_deg_s.get(axis, ())
         if axis not in ("primary", "secondary"):
-            raise BadRequest(f"{axis!r} is no axis", device=session.name, advice="primary or secondary")
+            raise BadRequest(f"{axis!r} is not an axis", device=session.name, advice="primary or secondary")
         if not math.isfinite(rate_deg_s):
             raise BadRequest(
                 f"a speed of {rate_deg_s}°/s",
@@ -149,7 +149,8 @@ class Axes:
 
     def _overtaken(self) -> DeviceRefused:
         return DeviceRefused(
-            "moving the axis was not sent: a stop or a newer order came before it, or its link was lost",
+            "the order to move the axis was not sent: a stop or a newer order "
+            "came before it, or its link was lost",
             device=self._session.name,
         )
 
@@ -187,7 +188,7 @@ class Axes:
             if session.filter.still(before, now):
                 return
             if loop.time() > until:
-                raise DeviceSilent("goes on moving after it was told to end", device=session.name)
+                raise DeviceSilent("still moves after it was told to end", device=session.name)
             before = now
 
     def _watch(self, axis: MountAxis, rate_deg_s: float, number: int, before: Readout) -> None:
@@ -219,7 +220,7 @@ class Axes:
             session.language.direction_seen(axis, rightly=rightly)
             if rightly:
                 return
-            words = f"its {axis} axis went the other way than it was ordered ({went_arcsec / 3600.0:+.2f}°)"
+            words = f"its {axis} axis moved in the opposite direction ({went_arcsec / 3600.0:+.2f}°)"
             session.language.log.note("event", meaning=words)
             session.emit("axis-went-wrong", {"axis": axis, "why": f"{words}: stopped, and known from now on"})
             await self._motions.stop()

@@ -42,12 +42,12 @@ def implausible(readout: Readout, site: Site | None) -> str:
     if readout.parked:
         return ""
     if abs(half_turn_deg(place.ra_deg)) < _NOTHING_DEG and abs(place.dec_deg) < _NOTHING_DEG:
-        return "it tells right ascension 0 and declination 0, as one that knows nothing"
+        return "it reports right ascension 0 and declination 0, as a mount that was never set does"
     if site is None:
         return ""
     altitude_deg = icrs_to_observed(from_mount(place), readout.utc, site, Air()).alt_deg
     if altitude_deg < LOWEST_PLACE_DEG:
-        return f"the place it tells is {-altitude_deg:.0f}° below the horizon of our site"
+        return f"the position that it reports is {-altitude_deg:.0f}° below the horizon of our site"
     return ""
 
 
@@ -77,7 +77,8 @@ async def compare(
     problems = list(identity.problems)
     if language.epoch != language.usual_epoch:
         problems.append(
-            f"it is set to speak {language.epoch} coordinates, its family speaks {language.usual_epoch}"
+            f"it is set to speak {language.epoch} coordinates, its family "
+            f"usually speaks {language.usual_epoch}"
         )
     clock = await language.read_clock()
     clock_off_s = None if clock is None else (clock - utc_now()).total_seconds()
@@ -118,7 +119,7 @@ def _clock_problem(off_s: float, clock: datetime | None) -> str:
 
 def _site_problem(theirs: Site, ours: Site) -> str:
     text = (
-        f"it believes to stand at latitude {theirs.latitude_deg:.3f}°, "
+        f"it believes that it is at latitude {theirs.latitude_deg:.3f}°, "
         f"longitude {theirs.longitude_deg:.3f}° (east), "
         f"we at {ours.latitude_deg:.3f}°, {ours.longitude_deg:.3f}°"
     )

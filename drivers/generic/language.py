@@ -359,7 +359,7 @@ class Unskilled:
 
     async def send_offset_rates(self, rates: OffsetRates) -> None:
         """Refused."""
-        raise self._unsupported("track at rates of its own")
+        raise self._unsupported("track at offset rates")
 
     async def read_offset_rates(self) -> OffsetRates | None:
         """None."""

@@ -106,7 +106,7 @@ class LinkSupervisor:
             try:
                 await work()
             except Exception as fault:
-                _log.exception("%s: keeping its link hit a fault", self._language.device)
+                _log.exception("%s: keeping its link failed unexpectedly", self._language.device)
                 self._fault = fault_words(fault)
                 await asyncio.sleep(self._timing.backoff_s)
 

@@ -212,7 +212,7 @@ class Motions:
         """Give up what began on an earlier link: the mount may have been switched off meanwhile."""
         if self._session.links != links:
             raise DeviceMissing(
-                f"its link was lost on the way: {self._session.lost_why or 'it was opened anew'}",
+                f"its link was lost on the way: {self._session.lost_why or 'it was reopened'}",
                 device=self._session.name,
                 advice="look at the sky before anything moves again",
             )
@@ -273,7 +273,7 @@ class Motions:
     async def _failed(self, before: Readout, now: Readout) -> DeviceRefused:
         """The error for a motion that the mount reports as failed; if it still moves it is stopped."""
         session = self._session
-        said = f"took up the {session.job}, and failed on the way: {now.failed}"
+        said = f"accepted the {session.job}, and failed on the way: {now.failed}"
         if not session.filter.still(before, now):
             await self.stop()
             said = f"{said}; it was still moving, and was stopped"
@@ -333,7 +333,7 @@ class Motions:
         session.axes.clear()
         if unended is not None:
             raise type(unended)(
-                f"was stopped, and may track at rates of its own: {unended.what}",
+                f"was stopped, and may track at offset rates: {unended.what}",
                 device=session.name,
                 advice=unended.advice or "look at the sky",
             )

@@ -197,7 +197,7 @@ class GenericMount:
 
     def trust(self) -> None:
         """Trust the position: an operator says that it is right."""
-        self._session.trust("the operator says so")
+        self._session.trust("an operator confirmed it")
 
     async def compare(self) -> ConnectReport:
         """Ask for its clock and site again, and compare them with ours. Raises `DeviceError`."""
@@ -483,7 +483,7 @@ class GenericMount:
             self._require_skill(Skill.TRACKING_RATES)
         if rate is TrackingRate.CUSTOM and Skill.OFFSET_RATES in self.skills:
             raise BadRequest(
-                "the custom rate says nothing of how fast that is",
+                "the custom rate does not say how fast it is",
                 device=self._name,
                 advice="order offset rates, with their numbers",
             )

@@ -24,7 +24,7 @@ def refuse_lame_axis(rates: OffsetRates, most_arcsec_s: OffsetRates, why: str, *
     ):
         if rate != 0.0 and most == 0.0:
             raise DeviceRefused(
-                f"can't track at {rate:+.4f}″/s in {axis}: {why or 'it takes no rate of its own there'}",
+                f"can't track at {rate:+.4f}″/s in {axis}: {why or 'it has no rate of its own there'}",
                 device=device,
                 advice="follow by rates in the other axis and pulses in this one, or by small slews",
                 reason=Refusal.UNSUPPORTED,

@@ -298,7 +298,7 @@ def read_options(
     given_epoch = options.get("epoch", epoch)
     if given_epoch not in ("apparent", "icrs"):
         raise BadSettings(
-            f"epoch={given_epoch} is no kind of coordinates", advice="apparent (JNow) or icrs (J2000)"
+            f"epoch={given_epoch} is not a kind of coordinates", advice="apparent (JNow) or icrs (J2000)"
         )
     dialect = options.get("dialect")
     if dialect is not None and dialect not in dialects:

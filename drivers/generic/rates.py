@@ -91,17 +91,17 @@ class Rates:
         before = await self._refusals.before_at_rest()
         had = drift.known
         if not rates.none:
-            session.require_trust("tracking at rates of its own")
+            session.require_trust("tracking at offset rates")
             if before.parked:
-                raise parked("tracking at rates of its own", device=session.name)
+                raise parked("tracking at offset rates", device=session.name)
             # some say that they slew as long as they track at rates of their own
             if before.slewing and not drift.may:
                 raise DeviceRefused(
-                    "can't track at rates of its own: it slews", device=session.name, reason=Refusal.BUSY
+                    "can't track at offset rates: it slews", device=session.name, reason=Refusal.BUSY
                 )
             if before.tracking is False:
                 raise DeviceRefused(
-                    "can't track at rates of its own: it doesn't track",
+                    "can't track at offset rates: it doesn't track",
                     device=session.name,
                     advice="switch tracking on first",
                     reason=Refusal.NOT_TRACKING,
@@ -164,7 +164,7 @@ class Rates:
             )
         if session.stops != stops:
             raise DeviceRefused(
-                f"the order to track at rates of its own {what}: a stop came", device=session.name
+                f"the order to track at offset rates {what}: a stop came", device=session.name
             )
 
     async def _read_back(self, rates: OffsetRates, stops: int, links: int, lost: DeviceError | None) -> None:
@@ -275,7 +275,7 @@ async def end_rates(session: Session, *, begins_tracking: bool) -> None:
     drift.settled(told)
     drift.ours = True
     raise DeviceRefused(
-        f"was told to track as for a star, and says that it has {rates_text(told)} beside that",
+        f"was told to track at the sidereal rate, and says that it has offset rates of {rates_text(told)}",
         device=session.name,
         advice="switch its tracking off and on, or restart its driver",
     )

@@ -177,7 +177,7 @@ class Refusals:
             with suppress(DeviceError):
                 await session.language.send_stop(0)
         return type(trouble)(
-            f"said no ({refusal.what}), and whether it does it all the same can't be seen: {trouble.what}",
+            f"said no ({refusal.what}), and whether it does it anyway can't be seen: {trouble.what}",
             device=session.name,
             advice="look at the mount before anything moves",
         )
@@ -197,7 +197,7 @@ class Refusals:
         session.language.log.note("event", meaning=said)
         # before the stop: nothing may be sent by this position while the stop is carried out
         session.distrust(f"it said no to {order}, and {done}")
-        advice = "its position doesn't count: solve a frame and sync (recover), and see to its line"
+        advice = "its position is not trusted: solve a frame and sync (recover), and see to its line"
         try:
             if done == "did it":
                 if undo is not None:

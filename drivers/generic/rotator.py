@@ -200,7 +200,7 @@ class GenericRotator:
         told = await self._language.read()
         if not (math.isfinite(told.mechanical_deg) and abs(told.mechanical_deg) <= MOST_DEG):
             raise DeviceSilent(
-                f"tells an angle of {told.mechanical_deg}°", device=self.name, advice="is its driver sound?"
+                f"reports an angle of {told.mechanical_deg}°", device=self.name, advice="is its driver sound?"
             )
         return RotatorReading(told.mechanical_deg, asked + (self._clock.utc() - asked) / 2, told.moving)
 
@@ -228,7 +228,7 @@ class GenericRotator:
         DeviceRefused, DeviceError
         """
         if not math.isfinite(mechanical_deg):
-            raise BadRequest(f"{mechanical_deg}° is no angle", device=self.name)
+            raise BadRequest(f"{mechanical_deg}° is not an angle", device=self.name)
         if self._turning:
             raise Busy("it is turning", device=self.name, advice="wait for it, or stop it")
         self._turning = True
@@ -338,7 +338,7 @@ class GenericRotator:
                 reason=NotReached.STUCK,
             )
         return TargetNotReached(
-            f"it came to rest at {now.mechanical_deg:.2f}°, and was to turn from "
+            f"it stopped at {now.mechanical_deg:.2f}°, and should have turned from "
             f"{before.mechanical_deg:.2f}° to {wanted_deg:.2f}°",
             device=self.name,
             advice="look at it before the next turn: is it blocked, has it a limit of its own, did somebody "
@@ -352,7 +352,7 @@ class GenericRotator:
         raise TargetNotReached(
             f"it {words} for too long, and was stopped",
             device=self.name,
-            advice="look at it before the next turn; allow more time if it is that slow (turn_timeout_s)",
+            advice="look at it before the next turn; allow more time if it is slow (turn_timeout_s)",
             reason=NotReached.TIME,
         )
 

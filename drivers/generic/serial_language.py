@@ -78,7 +78,7 @@ class SerialLanguage(Unskilled):
         woke_s = link.woke_after_s
         if woke_s is None:
             return identity
-        doubt = f"it answered only {woke_s:.1f} s after its port was opened, which may have started it again"
+        doubt = f"it answered only {woke_s:.1f} s after its port was opened, which may have restarted it"
         advice = "dtr=no keeps some boards from that; settle_s waits for a link that is only slow"
         return replace(identity, problems=(*identity.problems, f"{doubt} ({advice})"), doubt=doubt)
 
@@ -164,7 +164,7 @@ class OptionalQuestions:
     def notes(self) -> tuple[str, ...]:
         """The missing questions, in words for an operator."""
         return tuple(
-            f"it doesn't answer {sent!r} ({meaning}): what hangs on that is left out"
+            f"it doesn't answer {sent!r} ({meaning}): what depends on it is left out"
             for sent, meaning in self._missing.items()
             if sent not in self._greetings
         )

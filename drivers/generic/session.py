@@ -271,7 +271,7 @@ class Session:
         facts = {"identity": report.identity, "trusted": trusted, "problems": list(report.problems)}
         self.emit("link-back" if again else "connected", facts)
         if not trusted:
-            self._why_untrusted = "nobody has looked at the sky since it was connected"
+            self._why_untrusted = "no look at the sky was made since it was connected"
             if readout.fresh:
                 self._why_untrusted = "it was just switched on"
             elif again:
@@ -323,7 +323,7 @@ class Session:
         if told is None:
             return None
         if not (math.isfinite(told.ra_arcsec_s) and math.isfinite(told.dec_arcsec_s)):
-            raise DeviceGarbled("its offset rates are no numbers", device=self.name)
+            raise DeviceGarbled("its offset rates are not numbers", device=self.name)
         ra, dec = (
             0.0 if abs(rate) < _NO_RATE_ARCSEC_S else rate for rate in (told.ra_arcsec_s, told.dec_arcsec_s)
         )
@@ -359,7 +359,7 @@ class Session:
             done, refused = await self._set(site=True, clock=True)
         if not done:
             raise DeviceRefused(
-                "; ".join(refused) or "no site is known that it could be told",
+                "; ".join(refused) or "no site is known to send to it",
                 device=self.name,
                 advice="set it at its hand control, or by its own program",
                 reason=Refusal.UNSUPPORTED,
@@ -535,7 +535,7 @@ class Session:
     def went_elsewhere(self, miss_arcsec: float) -> None:
         """Report that a sync changed what the mount believes, but not to the place that was sent."""
         self.emit("sync-elsewhere", {"miss_arcsec": round(miss_arcsec, 1)})
-        self.distrust(f"it took a sync for another place: it believes to be {miss_arcsec:.0f}″ from there")
+        self.distrust(f"it synced to another place: it believes that it is {miss_arcsec:.0f}″ from there")
 
     def forget_rest(self) -> None:
         """Forget since when it rests: an order to move goes out, or a sync renames the place."""
@@ -632,7 +632,7 @@ class Session:
             self._jumped(moved_arcsec)
 
     def _jumped(self, by_arcsec: float) -> None:
-        self.distrust(f"its reading jumped by {by_arcsec / 3600.0:.2f}° without an order of ours")
+        self.distrust(f"its reading jumped by {by_arcsec / 3600.0:.2f}° without an order from mountnav")
 
     def _changed_in_silence(self, by_arcsec: float) -> None:
         self.distrust(f"its reading changed by {by_arcsec / 3600.0:.2f}° while it was silent")

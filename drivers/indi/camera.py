@@ -321,7 +321,7 @@ class IndiCameraLanguage(ServedDevice[IndiDevice]):
         return DeviceSilent(
             f"no file came within {now.exposure_s + self._habits.download_s:.0f} s{words and '; ' + words}",
             device=self._name,
-            advice="does another client of the server get its files?",
+            advice="does another client of the server take its files?",
         )
 
     def _on_event(self, event: Event, now: Property | None) -> None:

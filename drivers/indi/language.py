@@ -334,7 +334,7 @@ class IndiLanguage(Unskilled):
         self._axes.stopped()
         self._axes.speeds_deg_s = habits.speeds_deg_s or self._known.speeds_deg_s
         if self._known.why and device.get(rates.RATE) is not None:
-            problems.append(f"rates of its own: {self._known.why}")
+            problems.append(f"offset rates: {self._known.why}")
         return Identity(f"{device.name} ({device.driver})", tuple(problems))
 
     async def close(self) -> None:

@@ -91,7 +91,7 @@ class RateOrders:
             return None
         told = rates.told(await device.told(rates.RATE))
         if told is None:
-            raise DeviceGarbled("its track rates are no numbers", device=device.address)
+            raise DeviceGarbled("its track rates are not numbers", device=device.address)
         return told
 
 

@@ -42,7 +42,7 @@ async def order_rates(exchange: IoptronExchange, rates: OffsetRates) -> None:
         For a part in declination, when it is parked, or says 0.
     """
     refuse_lame_axis(rates, MOST, _WHY, device=exchange.link.device)
-    await exchange.settled("tracking at rates of its own", moves=not rates.none)
+    await exchange.settled("tracking at offset rates", moves=not rates.none)
     if rates.none:
         await exchange.obeyed(v3.set_rate(TrackingRate.SIDEREAL), "the sidereal rate")
         return

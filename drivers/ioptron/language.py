@@ -166,7 +166,7 @@ class IoptronLanguage(SerialLanguage):
         firmware = await self._exchange.known(v3.FIRMWARE)
         meridian = await self._exchange.known(v3.MERIDIAN) if self._model.equatorial else None
         self._flips_past_deg = meridian[1] if meridian is not None else 0
-        told = f"iOptron {self._model.name or 'mount'} ({number or 'it tells no model'})"
+        told = f"iOptron {self._model.name or 'mount'} ({number or 'it gives no model'})"
         text = f"{told}, command set {self._words.name}"
         if firmware is not None:
             text += f", firmware {firmware}"
@@ -408,7 +408,7 @@ class IoptronLanguage(SerialLanguage):
     async def send_offset_rates(self, rates: OffsetRates) -> None:
         """Order the custom rate. Raises `DeviceRefused` for a part in declination, too."""
         if not self._follows:
-            raise self._unsupported("track at rates of its own")
+            raise self._unsupported("track at offset rates")
         await following.order_rates(self._exchange, rates)
 
     async def read_offset_rates(self) -> OffsetRates | None:

@@ -335,7 +335,7 @@ class Lx200Language(SerialLanguage):
         """
         words = self.dialect.offsets
         if words is None:
-            raise self._unsupported("track at rates of its own")
+            raise self._unsupported("track at offset rates")
         refuse_lame_axis(rates, words.most_arcsec_s, words.why_one, device=self.device)
         sent = False
         try:

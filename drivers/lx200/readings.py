@@ -160,7 +160,7 @@ class Lx200Reader:
         dialect = recognized(handshake)
         if weak(dialect) and handshake not in (again := await self._handshake(), self._known):
             raise DeviceGarbled(
-                f"its greetings contradict each other: {handshake}, then {again}",
+                f"its answers to the greeting contradict each other: {handshake}, then {again}",
                 device=self._link.device,
                 advice="check cable, speed (baud) and that nothing else talks to the mount",
             )

@@ -244,11 +244,11 @@ class NexstarLanguage(SerialLanguage):
         await self._state()
         aligned, doubt = await self._exchange.asked_if_known(base.ALIGNED), ""
         if aligned is None:
-            doubt = "it doesn't tell whether it is aligned"
+            doubt = "it doesn't say whether it is aligned"
         elif not aligned:
             problems.append("it is not aligned: it goes nowhere until that is done at its hand control")
         if not handset.knows_sync:
-            problems.append(f"its hand control {handset.version} knows no sync")
+            problems.append(f"its hand control {handset.version} has no sync command")
         return Identity(handset.text, (*problems, *self._exchange.refining.notes), doubt)
 
     # -- readings ----------------------------------------------------------------------------------
@@ -344,7 +344,7 @@ class NexstarLanguage(SerialLanguage):
         """Order a sync [NexStar s, S]; whole: half of one keeps the hand control waiting [INDI #473]."""
         if not self.handset.knows_sync:
             raise DeviceRefused(
-                f"its hand control {self.handset.version} knows no sync",
+                f"its hand control {self.handset.version} has no sync command",
                 device=self.device,
                 advice="4.10 or later does (SynScan: 3.37 or 4.37)",
                 reason=Refusal.UNSUPPORTED,
@@ -365,7 +365,7 @@ class NexstarLanguage(SerialLanguage):
             raise DeviceRefused(
                 "it has no park position",
                 device=self.device,
-                advice="point it where it shall stand and set that, or give park_az_deg and park_alt_deg",
+                advice="point it where it should park and set that, or give park_az_deg and park_alt_deg",
                 reason=Refusal.UNSUPPORTED,
             )
         await self._require_alignment("parking")
@@ -457,7 +457,7 @@ class NexstarLanguage(SerialLanguage):
             If its motors can't be told such rates, or its side of the pier isn't known.
         """
         if not self._follows:
-            raise self._unsupported("track at rates of its own")
+            raise self._unsupported("track at offset rates")
         if rates.none and not self._following.under_way:
             mode = await self._exchange.asked_if_known(base.get_tracking(self.handset))
             if self._parking.parked or mode not in (None, Tracking.OFF):
@@ -569,7 +569,7 @@ class NexstarLanguage(SerialLanguage):
             raise self._unsupported(f"take {what}")
         if await self._exchange.asked_if_known(base.ALIGNED):
             raise DeviceRefused(
-                f"won't be given {what}: its alignment was made with the one it has",
+                f"is not given {what}: it was aligned with the one that it has",
                 device=self.device,
                 advice="set clock and site at the hand control before its alignment",
             )

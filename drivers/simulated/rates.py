@@ -109,19 +109,19 @@ class SimulatedRates(SimulatedState):
         self._see_reboots()
         self._require_no_job()
         if not rates.none:
-            self._require_trust("tracking at rates of its own")
+            self._require_trust("tracking at offset rates")
             if self.mechanics.parked:
-                raise parked("tracking at rates of its own", device=self._name)
+                raise parked("tracking at offset rates", device=self._name)
             if not self.mechanics.tracking:
                 raise DeviceRefused(
-                    "can't track at rates of its own: it doesn't track",
+                    "can't track at offset rates: it doesn't track",
                     device=self._name,
                     advice="switch tracking on first",
                     reason=Refusal.NOT_TRACKING,
                 )
         if stops != self._stops:
             raise DeviceRefused(
-                "the order to track at rates of its own was not sent: a stop came", device=self._name
+                "the order to track at offset rates was not sent: a stop came", device=self._name
             )
         self.received.append("rates")
         self.mechanics.track_beside(rates.ra_arcsec_s, rates.dec_arcsec_s)
@@ -212,7 +212,9 @@ class SimulatedRates(SimulatedState):
         if self.mechanics.parked:
             raise parked("moving an axis", device=self._name)
         if stops != self._stops:
-            raise DeviceRefused("moving the axis was not sent: a stop came before it", device=self._name)
+            raise DeviceRefused(
+                "the order to move the axis was not sent: a stop came before it", device=self._name
+            )
         self.mechanics.move(ways[rate_deg_s < 0.0], abs(rate_deg_s))
         if "axis" in self.denies:
             await self.stop()

@@ -46,7 +46,7 @@ class SimulatedState:
         self._clock = clock
         self._name = name
         self._trusted = trusted
-        self._why_untrusted = "nobody has looked at the sky since it was connected"
+        self._why_untrusted = "no look at the sky was made since it was connected"
         self._boots = mechanics.boots
         self._state = SlewState.NONE
         self._job: str | None = None
@@ -111,7 +111,7 @@ class SimulatedState:
     def trust(self) -> None:
         """Trust the position: an operator says that it is right."""
         self._see_reboots()
-        self._believe("the operator says so")
+        self._believe("an operator confirmed it")
 
     def listen(self, listener: Listener) -> None:
         """Call `listener(what, facts)` at each event of the link and of the trust in the position."""
@@ -239,7 +239,7 @@ class SimulatedState:
 
     def _went_elsewhere(self, miss_arcsec: float) -> None:
         self.cable.emit("sync-elsewhere", {"miss_arcsec": round(miss_arcsec, 1)})
-        self._distrust(f"it took a sync for another place: it believes to be {miss_arcsec:.0f}″ from there")
+        self._distrust(f"it synced to another place: it believes that it is {miss_arcsec:.0f}″ from there")
 
     def _see_a_late_sync(self, reading: MountReading) -> None:
         if self._late is not None and self._job is None:
@@ -276,5 +276,5 @@ class SimulatedState:
         said = f"{order}: said refused, but {what}"
         self.cable.emit("refused-but-done", {"order": order, "why": said})
         return RefusedButDone(
-            said, device=self._name, advice="its position doesn't count: solve a frame and sync (recover)"
+            said, device=self._name, advice="its position is not trusted: solve a frame and sync (recover)"
         )

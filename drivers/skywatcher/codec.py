@@ -112,7 +112,7 @@ class MotorStatus:
 def read_status(text: str) -> MotorStatus:
     """Read three digits of flags. Raises `Unreadable`."""
     if not re.fullmatch(r"[0-9A-F]{3}", text):
-        raise Unreadable(f"{text!r} is no status")
+        raise Unreadable(f"{text!r} is not a status")
     mode, motion, power = (int(digit, 16) for digit in text)
     if mode > 7 or motion > 3 or power > 3:
         raise Unreadable(f"{text!r} has flags that no board has")
@@ -172,7 +172,7 @@ NOT_EQUATORIAL = frozenset({0x80, 0x81, 0x82, 0x90})
 def read_board(text: str) -> Board:
     """Read six digits: major, minor, model - not swapped. Raises `Unreadable`."""
     if not _HEX6.fullmatch(text):
-        raise Unreadable(f"{text!r} is no version")
+        raise Unreadable(f"{text!r} is not a version")
     return Board(*(int(text[at : at + 2], 16) for at in (0, 2, 4)))
 
 
@@ -196,7 +196,7 @@ def read_features(text: str) -> Features:
 def number(text: str) -> int:
     """Read a number of 24 bits. Raises `Unreadable`."""
     if not _HEX6.fullmatch(text):
-        raise Unreadable(f"{text!r} is no number of 24 bits")
+        raise Unreadable(f"{text!r} is not a number of 24 bits")
     return int(text[4:6] + text[2:4] + text[0:2], 16)
 
 
@@ -212,7 +212,7 @@ def ratio(text: str) -> int:
     """Read a ratio: two plain digits, or six swapped ones (imitations). Raises `Unreadable`."""
     value = int(text, 16) if re.fullmatch(r"[0-9A-F]{2}", text) else number(text)
     if not 1 <= value <= 0xFF:
-        raise Unreadable(f"{text!r} is no ratio")
+        raise Unreadable(f"{text!r} is not a ratio")
     return value
 
 

@@ -34,7 +34,7 @@ def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMo
     options = read_options(url.options, "skywatcher", baud=BAUD, timeout_s=PATIENCE.deadline_s, own=_RANGES)
     if options.epoch != "apparent":
         raise BadSettings(
-            "epoch=icrs makes no sense for skywatcher", advice="leave it out: its place is reckoned by us"
+            "epoch=icrs makes no sense for skywatcher", advice="leave it out: its position is computed here"
         )
     if options.set_clock or options.set_site:
         raise BadSettings(

@@ -171,7 +171,7 @@ class SkywatcherLanguage(SkywatcherReading):
         if abs(shift.first_deg) > _SYNC_STRETCH * miss_deg + _SYNC_FREE_DEG:
             raise DeviceRefused(
                 f"so near the pole a miss of {miss_deg:.2f}° would turn the hour angle axis by "
-                f"{abs(shift.first_deg):.0f}°: the place tells too little of it",
+                f"{abs(shift.first_deg):.0f}°: the position says too little about it",
                 device=self.device,
                 advice="sync at least 20° away from the pole",
                 reason=Refusal.LIMIT,
@@ -349,7 +349,7 @@ class SkywatcherLanguage(SkywatcherReading):
                 return
         if self._rate is None:
             raise DeviceRefused(
-                "can't track at rates of its own: it doesn't track",
+                "can't track at offset rates: it doesn't track",
                 device=self.device,
                 reason=Refusal.NOT_TRACKING,
             )
@@ -468,7 +468,7 @@ class SkywatcherLanguage(SkywatcherReading):
 def _apparent(place: Apparent | Icrs) -> Apparent:
     if isinstance(place, Apparent):
         return place
-    raise BadRequest("an astrometric place given to a mount that is reckoned in apparent ones")
+    raise BadRequest("an astrometric place given to a mount that is computed in apparent ones")
 
 
 BAUD = 9600
@@ -509,7 +509,8 @@ def skywatcher_language(
     """
     if site is None:
         raise BadSettings(
-            "a Sky-Watcher motor controller knows no sky: its mount can't be driven without a site",
+            "a Sky-Watcher motor controller has no coordinates of its own: its "
+            "mount can't be driven without a site",
             advice="set latitude and longitude of the telescope",
         )
     log = WireLog()

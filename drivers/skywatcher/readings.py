@@ -121,7 +121,7 @@ class SkywatcherReading(SerialLanguage):
         board, _ = await motors.meet()
         if board.model in NOT_EQUATORIAL:
             raise DeviceRefused(
-                f"{board.text} is no equatorial mount", device=self.device, reason=Refusal.UNSUPPORTED
+                f"{board.text} is not an equatorial mount", device=self.device, reason=Refusal.UNSUPPORTED
             )
         self._axis_counts.geared(motors.gears)
         for axis in Axis:
@@ -137,7 +137,7 @@ class SkywatcherReading(SerialLanguage):
             self._axis_counts.begin_as_eqmod()
             problems.append(
                 "its motors are energized already, by whom is not known: the counts are taken as EQMod sets "
-                "them (declination axis on the equator: 0x800000); the position doesn't count before a sync"
+                "them (declination axis on the equator: 0x800000); the position is not trusted before a sync"
             )
         if self._parked and any(motor.running for motor in status.values()):
             self._parked = False

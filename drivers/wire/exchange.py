@@ -200,7 +200,7 @@ class Exchange:
                     break
             if read is None:
                 raise DeviceSilent(
-                    f"no whole answer to {command.meaning} ({command.sent!r}); heard {heard!r}",
+                    f"no complete answer to {command.meaning} ({command.sent!r}); heard {heard!r}",
                     device=self._line.address,
                     advice="check cable, speed (baud) and that the mount is on",
                 )

@@ -388,7 +388,7 @@ class SerialLine(_ReadAhead):
             )
         except serial.SerialTimeoutException as cause:
             raise DeviceSilent(
-                "takes no more bytes", device=self._address, advice="check cable and power"
+                "accepts no more bytes", device=self._address, advice="check cable and power"
             ) from cause
         except OSError as cause:
             self._incoming.lose(str(cause))

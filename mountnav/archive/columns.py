@@ -44,7 +44,7 @@ PLATE_COLUMNS = (
     Column("center_sigma_arcsec", "double", "arcsec", "one-sigma error of the center per coordinate"),
     Column("scale_arcsec_px", "double", "arcsec / pix", "at the center"),
     Column("rotation_deg", "double", "deg", "position angle of the image's +y axis, east of north"),
-    Column("parity", "int64", "", "+1: east left when north is up, as the sky is seen; -1: mirrored"),
+    Column("parity", "int64", "", "+1: east left when north is up, not mirrored; -1: mirrored"),
     Column("width_px", "int64", "pix", ""),
     Column("height_px", "int64", "pix", ""),
     Column("rms_arcsec", "double", "arcsec", "residual of the pairs in the fit"),
@@ -61,8 +61,8 @@ REASON_COLUMNS = (
 )
 
 TOLD_COLUMNS = (
-    Column("notes", "string", "", "parted by |"),
-    Column("contradictions", "string", "", "hints that turned out wrong, parted by |"),
+    Column("notes", "string", "", "separated by |"),
+    Column("contradictions", "string", "", "hints that turned out wrong, separated by |"),
 )
 
 QUALITY_COLUMNS = (

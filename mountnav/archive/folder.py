@@ -70,10 +70,12 @@ class Folder:
             It is of a newer mountnav, or damaged.
         """
         told = read_json(
-            path / "archive.json", missing=f"{path} is no archive: `mountnav archive init` makes one"
+            path / "archive.json", missing=f"{path} is not an archive: `mountnav archive init` makes one"
         )
         if told.get("format") != FORMAT or not isinstance(told.get("chunk_frames"), int):
-            raise BadRequest(f"{path}/archive.json is not of an archive", advice="name another folder")
+            raise BadRequest(
+                f"{path}/archive.json does not belong to an archive", advice="name another folder"
+            )
         if told.get("version") != VERSION:
             raise BadRequest(
                 f"{path} has version {told.get('version')} of the format, this mountnav knows {VERSION}",
@@ -246,7 +248,7 @@ def read_json(path: Path, *, missing: str = "") -> dict[str, Any]:
     except (OSError, ValueError, RecursionError) as fault:
         raise BadRequest(f"{path} can't be read: {fault}", advice="restore it") from fault
     if not isinstance(found, dict):
-        raise BadRequest(f"{path} is no JSON object", advice="restore it")
+        raise BadRequest(f"{path} is not a JSON object", advice="restore it")
     return found
 
 

@@ -136,7 +136,7 @@ def of_catalogs(catalog: CatalogSet) -> dict[str, Any]:
     magnitudes = catalog.magnitudes
     if magnitudes is not None and not isinstance(magnitudes, PackedStore):
         raise BadRequest(
-            "magnitudes are taken from an online catalog", advice="take them from one that is here"
+            "magnitudes are taken from an online catalog", advice="take them from one on this machine"
         )
     return {
         "mountnav": version(),
@@ -177,8 +177,8 @@ def recipe_in(run: RunFolder) -> Recipe:
         raise BadRequest(f"{run.path}/recipe.json is damaged", advice="restore it") from fault
     if recipe.hash != told.get("hash") or recipe.name != run.name:
         raise BadRequest(
-            f"{run.path}/recipe.json was changed: its hash is another",
-            advice="restore it; other settings are another run: mountnav archive again",
+            f"{run.path}/recipe.json was changed: its hash is different",
+            advice="restore it; other settings need another run: mountnav archive again",
         )
     return recipe
 
@@ -199,7 +199,7 @@ def plain(value: object) -> Any:
         return [plain(one) for one in value]
     if value is None or isinstance(value, str | int | float | bool):
         return value
-    raise TypeError(f"{type(value).__name__} has no place in a recipe")
+    raise TypeError(f"{type(value).__name__} can't be part of a recipe")
 
 
 def _differences(one: Any, other: Any, where: str = "") -> list[str]:

@@ -233,9 +233,9 @@ def chunk_written(run: RunFolder, chunk: Chunk, recipe: Recipe) -> Iterator[Chun
     except FileExistsError as there:
         if read_json(run.chunk(chunk.number) / "chunk.json").get("files") != sums:
             raise ResultsDiffer(
-                f"chunk {chunk.number} was finished by somebody else, with other results",
+                f"chunk {chunk.number} was finished by another process, with other results",
                 device=str(run.path),
-                advice="do the machines differ? `mountnav archive verify` tells what they are",
+                advice="do the machines differ? `mountnav archive verify` names them",
             ) from there
 
 

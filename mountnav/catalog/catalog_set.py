@@ -219,8 +219,8 @@ class CatalogSet:
             except BadCatalog as fault:
                 if one is self.usable[-1] and not found:  # nothing is left to be used instead
                     raise
-                _log.warning("the catalog %s is passed over: %s", one.name, fault)
-                damaged.append(f"{one.name} is passed over: {fault}")
+                _log.warning("the catalog %s is skipped: %s", one.name, fault)
+                damaged.append(f"{one.name} is skipped: {fault}")
         return found, damaged
 
 
@@ -301,7 +301,7 @@ def _opened(sent: _Sent) -> Catalog | None:
     try:
         return PackedStore(*sent)
     except BadSettings as gone:
-        _log.warning("the catalog %s is passed over: %s", sent[1], gone)
+        _log.warning("the catalog %s is skipped: %s", sent[1], gone)
         return None
 
 
@@ -456,5 +456,5 @@ def _require(name: str, found: dict[str, Installed], folder: str) -> Catalog:
 
 def _usable(one: Installed) -> Catalog | None:
     if one.store is None:
-        _log.warning("the catalog %s is passed over: %s", one.slug, one.problem)
+        _log.warning("the catalog %s is skipped: %s", one.slug, one.problem)
     return one.store

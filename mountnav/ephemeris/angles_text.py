@@ -93,7 +93,7 @@ def calendar_instant(day: str, clock: str, scale: str, at: str) -> datetime:
     match = re.fullmatch(r"([0-9]{4})-([A-Za-z]{3}|[0-9]{2})-([0-9]{2})", day)
     hours = re.fullmatch(r"([0-9]{2}):([0-9]{2})(?::([0-9]{2}(?:\.[0-9]{1,9})?))?", clock)
     if match is None or hours is None:
-        raise BadRequest(f"{at}: {day} {clock} is no time such as 2022-Jun-10 00:00")
+        raise BadRequest(f"{at}: {day} {clock} is not a time such as 2022-Jun-10 00:00")
     month = match[2].lower()
     try:
         number = int(month) if month.isdigit() else _MONTHS.index(month) + 1
@@ -104,7 +104,7 @@ def calendar_instant(day: str, clock: str, scale: str, at: str) -> datetime:
             raise ValueError
         return in_utc(made + timedelta(seconds=whole, microseconds=round((seconds - whole) * 1e6)), scale)
     except (ValueError, OverflowError) as wrong:
-        raise BadRequest(f"{at}: {day} {clock} is no time") from wrong
+        raise BadRequest(f"{at}: {day} {clock} is not a time") from wrong
 
 
 def in_utc(told: datetime, scale: str) -> datetime:
@@ -114,4 +114,4 @@ def in_utc(told: datetime, scale: str) -> datetime:
     if scale in ("TT", "TDB", "CT"):
         # the leap seconds of a minute earlier are those of the instant but for one minute in years
         return told - timedelta(seconds=tt_minus_utc_s(told - timedelta(seconds=70)))
-    raise BadRequest(f"the time scale {scale!r} isn't read; UT (UTC), TT and TDB are")
+    raise BadRequest(f"the time scale {scale!r} is not supported; UT (UTC), TT and TDB are")

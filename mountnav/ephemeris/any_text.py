@@ -53,7 +53,7 @@ def ephemeris_of_text(text: str, *, made_for: Observer | None = None) -> Ephemer
 def _require_one(count: int) -> None:
     if count > 1:
         raise BadRequest(
-            f"these are elements of {count} objects; one is wanted",
+            f"these are elements of {count} objects; exactly one is needed",
             advice="import the file, and ask by name: mountnav ephemeris import FILE",
         )
 
@@ -71,7 +71,7 @@ def read_satellites(text: str) -> tuple[SatelliteElements, ...]:
     if looks_like_tle(text):
         return read_tle(text)
     raise BadRequest(
-        "these are no elements of an Earth satellite that are read here",
+        "these are not elements of an Earth satellite that mountnav reads",
         advice="two-line elements with their checksums are, and OMM as XML, JSON, KVN or CSV",
     )
 
@@ -111,7 +111,7 @@ def _of_json(found: Any) -> list[OrbitElements]:
     made = []
     for number, record in enumerate(records, 1):
         if not isinstance(record, dict):
-            raise BadRequest(f"record {number} is no JSON object")
+            raise BadRequest(f"record {number} is not a JSON object")
         inner = record.get("mpc_orb")
         made.append(read_mpc_json(inner if isinstance(inner, dict) else record, f"record {number}"))
     if not made:
@@ -145,7 +145,7 @@ def read_table(text: str, *, made_for: Observer | None = None) -> Table:
     if looks_like_csv(text):
         return read_csv_table(text)
     raise BadRequest(
-        "this is no ephemeris table that is read here",
+        "this is not an ephemeris table that mountnav reads",
         advice="observer tables of Horizons (text or CSV), pages of the MPC's ephemeris service, "
         "and plain CSV are: docs/explanation/moving-targets.md",
     )

@@ -108,7 +108,7 @@ def _header(columns: list[str], at: str) -> list[str]:
 def _observer(text: str | None) -> Observer:
     if text is None:
         raise BadRequest(
-            "the table doesn't tell for whom it is",
+            "the table doesn't say for whom it is",
             advice="begin it with `# observer: geocenter`, `# observer: here`, or latitude, longitude, m",
         )
     if text.lower() == "geocenter":
@@ -149,7 +149,7 @@ def _row(told: dict[str, str], apparent: bool, at: str) -> tuple[TableRow, float
     elif "distance_km" in told:
         distance = plain_number(told["distance_km"], "distance", at) / AU_KM
     if distance is not None and not 1e-7 < distance < 1e5:
-        raise BadRequest(f"{at}: a distance of {distance:g} au is none")
+        raise BadRequest(f"{at}: a distance of {distance:g} au is impossible")
     digit = max(ra_digit * math.cos(math.radians(dec)), dec_digit)
     return TableRow(
         utc, place, distance, math.hypot(sigma, _APPARENT_SIGMA_ARCSEC if apparent else 0.0)
@@ -171,11 +171,11 @@ def _time(told: dict[str, str], at: str) -> datetime:
     try:
         read = datetime.fromisoformat(text)
     except ValueError:
-        raise BadRequest(f"{at}: {text[:30]!r} is no time such as 2026-11-26T20:00:00Z") from None
+        raise BadRequest(f"{at}: {text[:30]!r} is not a time such as 2026-11-26T20:00:00Z") from None
     if read.utcoffset() is None:
         # the column is called utc
         read = read.replace(tzinfo=UTC)
     try:
         return read.astimezone(UTC)
     except OverflowError:
-        raise BadRequest(f"{at}: {text[:30]!r} lies outside of all years") from None
+        raise BadRequest(f"{at}: {text[:30]!r} is outside the years that are supported") from None

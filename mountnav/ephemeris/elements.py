@@ -74,7 +74,9 @@ class Covariance:
         e, q, tp, *angles = self.elements
         orbit = 0.0 <= e <= _MOST_ECCENTRICITY and _LEAST_Q_AU <= q <= _MOST_Q_AU
         if not (orbit and abs(tp) < 1e8 and all(abs(one) <= 720.0 for one in angles)):
-            raise BadRequest("the covariance belongs to elements that are no orbit around the Sun")
+            raise BadRequest(
+                "the covariance belongs to elements that do not describe an orbit around the Sun"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +114,7 @@ class OwnForces:
         law = 0.0 <= self.scale <= 10.0 and 0.1 <= self.r0_au <= 100.0
         powers = 0.0 <= self.m <= 6.0 and 0.0 <= self.n <= 60.0 and 0.0 <= self.k <= 10.0
         if not (strong and law and powers and abs(self.lag_days) <= 400.0):
-            raise BadRequest("its own forces are those of no comet")
+            raise BadRequest("its nongravitational forces are not those of a comet")
 
     def strength(self, distance_au: float) -> float:
         """Of the law at a distance from the Sun."""
@@ -218,7 +220,7 @@ def by_mean_anomaly(
     """
     if not (0.0 < a_au < 1e5 and 0.0 <= eccentricity < 1.0 and abs(mean_anomaly_deg) <= 1e6):
         raise BadRequest(
-            f"a = {a_au:g} au, e = {eccentricity:g} is no ellipse; give q and the perihelion's time"
+            f"a = {a_au:g} au, e = {eccentricity:g} is not an ellipse; give q and the perihelion's time"
         )
     motion_deg = math.degrees(math.sqrt(GM_SUN_AU3_DAY2 / a_au**3))
     anomaly = (mean_anomaly_deg + 180.0) % 360.0 - 180.0

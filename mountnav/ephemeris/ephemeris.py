@@ -141,9 +141,9 @@ def require_within(
     """
     require_aware(utc)
     if begins is not None and utc < begins:
-        raise BadRequest(f"{name} begins at {told(begins)}{why}, and {told(utc)} is before that")
+        raise BadRequest(f"{name} begins at {told(begins)}{why}, and {told(utc)} is earlier")
     if ends is not None and utc > ends:
-        raise BadRequest(f"{name} ends at {told(ends)}{why}, and {told(utc)} is after that")
+        raise BadRequest(f"{name} ends at {told(ends)}{why}, and {told(utc)} is later")
 
 
 def require_aware(utc: datetime) -> None:

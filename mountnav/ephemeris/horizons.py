@@ -129,7 +129,7 @@ def _observer(header: list[str]) -> Observer:
     center = _told(header, "Center body name")
     if center is None:
         raise BadRequest(
-            "the header doesn't tell for whom the table is (Center body name)", advice="copy the answer whole"
+            "the header doesn't say for whom the table is (Center body name)", advice="copy the answer whole"
         )
     if not re.match(r"Earth \(399\)", center):
         raise BadRequest(f"the table is for an observer at {center[:40]!r}, not on the Earth", advice=_ASK)
@@ -139,10 +139,10 @@ def _observer(header: list[str]) -> Observer:
         return "geocenter"
     numbers = re.match(r"([-+0-9.]+)\s*,\s*([-+0-9.]+)\s*,\s*([-+0-9.]+)", where or "")
     if numbers is None:
-        raise BadRequest("the header doesn't tell the observer's coordinates (Center geodetic)", advice=_ASK)
+        raise BadRequest("the header doesn't give the observer's coordinates (Center geodetic)", advice=_ASK)
     lon, lat, km = (plain_number(one, "coordinate", "Center geodetic") for one in numbers.groups())
     if not (-360.0 <= lon <= 360.0 and -90.0 <= lat <= 90.0 and -7000.0 <= km <= 100.0):
-        raise BadRequest(f"the observer's coordinates {lon:g}, {lat:g}, {km:g} km are none on the ground")
+        raise BadRequest(f"the observer's coordinates {lon:g}, {lat:g}, {km:g} km are not on the ground")
     if lon == lat == km == 0.0:
         return "geocenter"
     return Site(lat, (lon + 180.0) % 360.0 - 180.0, km * 1000.0)
@@ -178,11 +178,11 @@ def _time(told: dict[str, str], at: str) -> datetime:
         if calendar := re.fullmatch(r"Date__\((UT|TT|TDB|CT)\)__HR:MN(?::S[SC](?:\.f+)?)?", label):
             words = text.split()
             if len(words) < 2:
-                raise BadRequest(f"{at}: {text.strip()!r} is no time such as 2022-Jun-10 00:00")
+                raise BadRequest(f"{at}: {text.strip()!r} is not a time such as 2022-Jun-10 00:00")
             return calendar_instant(words[0], words[1], calendar[1], at)
     shown = next((label for label in told if label.startswith("Date_")), "none")
     raise BadRequest(
-        f"the times ({shown}) are in a scale or zone that isn't read; UT, TT and TDB are", advice=_ASK
+        f"the times ({shown}) are in a scale or zone that is not supported; UT, TT and TDB are", advice=_ASK
     )
 
 
@@ -228,7 +228,7 @@ def _both(text: str, at: str) -> tuple[list[str], list[str]]:
         return words[:3], words[3:]
     if len(words) == 2:
         return words[:1], words[1:]
-    raise BadRequest(f"{at}: {text.strip()[:40]!r} is no right ascension and declination")
+    raise BadRequest(f"{at}: {text.strip()[:40]!r} is not a right ascension and declination")
 
 
 def _distance(columns: _Columns, told: dict[str, str], at: str) -> float | None:
@@ -237,7 +237,7 @@ def _distance(columns: _Columns, told: dict[str, str], at: str) -> float | None:
         return None
     value = plain_number(text, "distance", at)
     if not value > 0.0:
-        raise BadRequest(f"{at}: a distance of {value:g} is none")
+        raise BadRequest(f"{at}: a distance of {value:g} is impossible")
     return value / AU_KM if value > _LARGE_KM else value
 
 

@@ -372,7 +372,7 @@ def import_file(
     named = slug if slug is not None else slug_of(path)
     if not _SLUG.fullmatch(named):
         raise BadRequest(
-            f"{named!r} is no name of an import", advice="small letters, digits, - and _, 40 at most"
+            f"{named!r} is not a name of an import", advice="small letters, digits, - and _, 40 at most"
         )
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -408,7 +408,7 @@ def forget(folder: Path, slug: str) -> Import:
                     f"{one.path.name} can't be removed: {refused.strerror}", advice=_RIGHTS
                 ) from refused
             return one
-    raise NotFound(f"no import is called {slug!r}", advice="mountnav ephemeris list tells what there is")
+    raise NotFound(f"no import is called {slug!r}", advice="mountnav ephemeris list shows them")
 
 
 def _import_kernel(path: Path, folder: Path, slug: str) -> Outcome:
@@ -488,7 +488,7 @@ def _filled(database: sqlite3.Connection, path: Path, slug: str, progress: Calla
     if not objects:
         raise BadRequest(
             f"there are no elements in {path.name}",
-            advice="docs/explanation/moving-targets.md tells what is read",
+            advice="docs/explanation/moving-targets.md lists what can be read",
         )
     database.execute("CREATE INDEX by_key ON names (key)")
     about = {
@@ -585,7 +585,7 @@ def _whole(path: Path) -> Iterator[Elements | str]:
     try:
         yield from read_omm(read_text(path, 50 * MOST_TEXT_BYTES))
     except UnicodeDecodeError as wrong:
-        raise BadRequest(f"{path.name} is no UTF-8 text") from wrong
+        raise BadRequest(f"{path.name} is not UTF-8 text") from wrong
 
 
 def _read_json(path: Path, packed: bool) -> Iterator[Elements | str]:
@@ -594,7 +594,7 @@ def _read_json(path: Path, packed: bool) -> Iterator[Elements | str]:
         at = f"record {number}"
         try:
             if not isinstance(record, dict):
-                raise BadRequest(f"{at} is no JSON object")
+                raise BadRequest(f"{at} is not a JSON object")
             if looks_like_sbdb(record):
                 yield read_sbdb(record)
             elif "MEAN_MOTION" in record:
@@ -681,7 +681,7 @@ def _opened(path: Path) -> sqlite3.Connection:
             database.close()
             raise
     except sqlite3.Error as damaged:
-        raise BadRequest(f"{path.name} is no index: {damaged}") from damaged
+        raise BadRequest(f"{path.name} is not an index: {damaged}") from damaged
     return database
 
 

@@ -37,7 +37,7 @@ def _float(text: str, what: str, at: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value) or not re.fullmatch(r"\s*[+-]?[0-9]*\.?[0-9]*\s*", text):
-        raise BadRequest(f"{at}: {text.strip()[:20]!r} is no number of {what}")
+        raise BadRequest(f"{at}: {text.strip()[:20]!r} is not a number of {what}")
     return value
 
 
@@ -51,7 +51,7 @@ def packed_epoch_jd(text: str) -> float:
     """Julian date of a packed day, such as K239D: 2023-09-13. Raises BadRequest."""
     match = re.fullmatch(r"([IJKL])([0-9]{2})([1-9A-C])([1-9A-V])", text)
     if match is None:
-        raise BadRequest(f"{text!r} is no packed day such as K239D")
+        raise BadRequest(f"{text!r} is not a packed day such as K239D")
     year = _CENTURIES[match[1]] * 100 + int(match[2])
     month, day = _DIGITS.index(match[3]), _DIGITS.index(match[4])
     try:
@@ -89,7 +89,7 @@ def unpacked(text: str) -> str:
         letters = "ABCDEFGHJKLMNOPQRSTUVWXYZ"
         year = 2000 + _DIGITS.index(extended[1])
         return f"{year} {extended[2]}{letters[number % 25]}{number // 25}"
-    raise BadRequest(f"{text!r} is no packed designation")
+    raise BadRequest(f"{text!r} is not a packed designation")
 
 
 def _provisional(text: str) -> str:
@@ -209,7 +209,7 @@ def _comet_designation(text: str) -> str:
     """A comet's packed provisional designation: ``K23A030`` is 2023 A3. Raises BadRequest."""
     match = re.fullmatch(r"([IJKL])([0-9]{2})([A-HJ-Y])([0-9A-Za-z])([0-9])([0-9A-Za-z])", text)
     if match is None:
-        raise BadRequest(f"{text!r} is no packed designation of a comet")
+        raise BadRequest(f"{text!r} is not a packed designation of a comet")
     year = _CENTURIES[match[1]] * 100 + int(match[2])
     cycle = _DIGITS.index(match[4]) * 10 + int(match[5])
     if match[6].isupper():  # of a body that was first taken for a minor planet
@@ -225,7 +225,7 @@ def _comet_day(year: str, month: str, day: str, at: str) -> float:
             raise ValueError
         return julian_date(int(year), int(month), number)
     except ValueError as wrong:
-        raise BadRequest(f"{at} {year}-{month}-{day} is no day") from wrong
+        raise BadRequest(f"{at} {year}-{month}-{day} is not a day") from wrong
 
 
 def mpc_lines(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
@@ -275,7 +275,7 @@ def read_mpc_json(record: Mapping[str, Any], at: str = "the record") -> OrbitEle
     if "Epoch" in record and "M" in record:
         return _orbit_record(record, at)
     raise BadRequest(
-        f"{at} is no record of the MPC: it has {', '.join(map(str, list(record)[:8]))}",
+        f"{at} is not a record of the MPC: it has {', '.join(map(str, list(record)[:8]))}",
         advice="mpcorb_extended.json, cometels.json and mpc_orb.json are read",
     )
 
@@ -325,11 +325,11 @@ def _comet_record(record: Mapping[str, Any], at: str) -> OrbitElements:
         year, month = (_number(record, f"{part}{suffix}", at) for part in (f"{prefix}Year", f"{prefix}Month"))
         number = _number(record, f"{prefix}Day{suffix}", at)
         if not (year.is_integer() and month.is_integer() and 1.0 <= number < 32.0):
-            raise BadRequest(f"{at}: {year:g}-{month:g}-{number:g} is no day")
+            raise BadRequest(f"{at}: {year:g}-{month:g}-{number:g} is not a day")
         try:
             return julian_date(int(year), int(month), number)
         except (ValueError, OverflowError) as wrong:
-            raise BadRequest(f"{at}: {year:g}-{month:g}-{number:g} is no day") from wrong
+            raise BadRequest(f"{at}: {year:g}-{month:g}-{number:g} is not a day") from wrong
 
     perihelion_jd = day("", "_of_perihelion")
     has_epoch = record.get("Epoch_year") not in (None, "")
@@ -338,7 +338,7 @@ def _comet_record(record: Mapping[str, Any], at: str) -> OrbitElements:
         try:
             epoch_jd = julian_date(int(year), int(month), number)
         except (ValueError, OverflowError) as wrong:
-            raise BadRequest(f"{at}: {year:g}-{month:g}-{number:g} is no day") from wrong
+            raise BadRequest(f"{at}: {year:g}-{month:g}-{number:g} is not a day") from wrong
     else:
         epoch_jd = perihelion_jd
     name = _words(record, "Designation_and_name")

@@ -53,7 +53,7 @@ def read_mpes(text: str, *, made_for: Observer | None = None) -> Table:
             advice="ask for full sexagesimal or decimal positions, J2000, not for vectors",
         )
     if len(titles) > 1:
-        raise BadRequest(f"these are ephemerides of {len(titles)} objects; one is wanted")
+        raise BadRequest(f"these are ephemerides of {len(titles)} objects; exactly one is needed")
     title = titles[0]
     observer = made_for or _observer(lines)
     name = _name(lines, title)
@@ -85,7 +85,7 @@ def _observer(lines: list[str]) -> Observer:
     raise BadRequest(
         f"the ephemeris is for observatory code {code}, whose coordinates it doesn't tell"
         if code
-        else "the page doesn't tell for whom the ephemeris is",
+        else "the page doesn't say for whom the ephemeris is",
         advice="ask for observatory code 500 (the geocenter: its distances allow for your place), "
         'or say made_for = "here" if it is your own',
     )
@@ -106,13 +106,13 @@ def _row(found: re.Match[str], at: str) -> tuple[TableRow, float]:
     year, month, day, clock, rest = found.groups()
     clock = clock or "00"
     if len(clock) % 2:
-        raise BadRequest(f"{at}: {clock!r} is no time such as 174613")
+        raise BadRequest(f"{at}: {clock!r} is not a time such as 174613")
     numbers = [int(clock[place : place + 2]) for place in range(0, len(clock), 2)] + [0, 0]
     try:
         hour, minute, second = numbers[:3]
         utc = datetime(int(year), int(month), int(day), hour, minute, second, tzinfo=UTC)
     except ValueError as wrong:
-        raise BadRequest(f"{at}: {year} {month} {day} {clock} is no time") from wrong
+        raise BadRequest(f"{at}: {year} {month} {day} {clock} is not a time") from wrong
     ra_parts, dec_parts, after = _places(rest.split(), at)
     ra, ra_digit = ra_of(ra_parts, at)
     dec, dec_digit = dec_of(dec_parts, at)
@@ -120,7 +120,7 @@ def _row(found: re.Match[str], at: str) -> tuple[TableRow, float]:
         raise BadRequest(f"{at} is cut off after the place")
     distance = plain_number(after[0], "distance", at)
     if not 0.0 < distance < 1e4:
-        raise BadRequest(f"{at}: a distance of {distance:g} au is none")
+        raise BadRequest(f"{at}: a distance of {distance:g} au is impossible")
     digit = max(ra_digit * math.cos(math.radians(dec)), dec_digit)
     return TableRow(utc, Icrs(ra, dec), distance, _uncertainty(rest)), digit
 
@@ -131,7 +131,7 @@ def _places(words: list[str], at: str) -> tuple[list[str], list[str], list[str]]
     if signed not in (1, 2, 3):
         raise BadRequest(f"{at}: no right ascension and declination: {' '.join(words[:6])!r}")
     if signed == 1 and "." not in words[0]:
-        raise BadRequest(f"{at}: {words[0]!r} is no right ascension in degrees")
+        raise BadRequest(f"{at}: {words[0]!r} is not a right ascension in degrees")
     last = 2 * signed
     return words[:signed], words[signed:last], words[last:]
 

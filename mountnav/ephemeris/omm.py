@@ -79,7 +79,7 @@ def read_omm(text: str) -> tuple[SatelliteElements, ...]:
 
 def _of_xml(text: str) -> Iterator[dict[str, str]]:
     if re.search(r"<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
-        raise BadRequest("the XML has a document type or entities of its own, which isn't read")
+        raise BadRequest("the XML has a document type or entities of its own, which is not supported")
     parser: Any = ElementTree.XMLPullParser(("start", "end"))
     depth = 0
     fields: dict[str, str] = {}
@@ -112,7 +112,7 @@ def _of_json(text: str) -> Iterator[Mapping[str, Any]]:
         raise BadRequest(f"the JSON is broken at line {wrong.lineno}: {wrong.msg}") from wrong
     for number, one in enumerate(found if isinstance(found, list) else [found], 1):
         if not isinstance(one, dict):
-            raise BadRequest(f"message {number} is no JSON object")
+            raise BadRequest(f"message {number} is not a JSON object")
         yield one
 
 
@@ -125,7 +125,7 @@ def _of_kvn(text: str) -> Iterator[dict[str, str]]:
         key, equals, value = line.partition("=")
         key = key.strip()
         if not equals or not re.fullmatch(r"[A-Z0-9_]{1,60}", key):
-            raise BadRequest(f"line {number} is no KEY = value: {line[:30]!r}")
+            raise BadRequest(f"line {number} is not KEY = value: {line[:30]!r}")
         if key == "CCSDS_OMM_VERS" and fields:
             yield fields
             fields = {}
@@ -175,7 +175,7 @@ def _elements(record: Mapping[str, Any], at: str) -> SatelliteElements:
     norad_id = 0
     if number not in (None, ""):
         if not re.fullmatch(r"\s*[0-9]{1,9}\s*", str(number)):
-            raise BadRequest(f"{at}: NORAD_CAT_ID {str(number)[:20]!r} is no catalog number")
+            raise BadRequest(f"{at}: NORAD_CAT_ID {str(number)[:20]!r} is not a catalog number")
         norad_id = int(str(number))
     return SatelliteElements(
         name=name or f"satellite {norad_id}",

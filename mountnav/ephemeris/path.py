@@ -102,7 +102,7 @@ class Path:
     waypoints: tuple[Waypoint, ...]
     kind: Literal["icrs", "altaz"] = "icrs"
     air: Air = _NO_AIR
-    name: str = "a way by waypoints"
+    name: str = "a path by waypoints"
     sigma_arcsec_told: float = 0.0
     _units: tuple[Vector, ...] = field(init=False, repr=False, compare=False)
     _tangents: tuple[Vector, ...] = field(init=False, repr=False, compare=False)
@@ -112,7 +112,7 @@ class Path:
         """Refuse what is no way; find the tangents."""
         points = self.waypoints
         if not 2 <= len(points) <= MOST_WAYPOINTS:
-            raise BadRequest(f"a way has 2 to {MOST_WAYPOINTS} waypoints, not {len(points)}")
+            raise BadRequest(f"a path has 2 to {MOST_WAYPOINTS} waypoints, not {len(points)}")
         for number, one in enumerate(points, 1):
             if one.utc.utcoffset() is None:
                 raise BadRequest(
@@ -123,7 +123,7 @@ class Path:
                     f"waypoint {number} ({one.lon_deg}, {one.lat_deg}) is no place on the sphere"
                 )
         if points[-1].utc - points[0].utc > LONGEST_PATH:
-            raise BadRequest(f"a way lasts {LONGEST_PATH.days} days at most")
+            raise BadRequest(f"a path lasts {LONGEST_PATH.days} days at most")
         times_s = tuple((one.utc - points[0].utc).total_seconds() for one in points)
         units = tuple(_unit(one.lon_deg, one.lat_deg) for one in points)
         for number, (before, after) in enumerate(pairwise(times_s), 2):

@@ -35,15 +35,15 @@ def _require_span(begins: datetime, ends: datetime) -> None:
 def _require_rate(rate_arcsec_s: float) -> None:
     if not abs(rate_arcsec_s) <= MOST_RATE_ARCSEC_S:
         raise BadRequest(
-            f"no telescope follows a rate of {rate_arcsec_s:g}″/s; {MOST_RATE_ARCSEC_S:g} is the most"
+            f"no telescope can follow a rate of {rate_arcsec_s:g}″/s; {MOST_RATE_ARCSEC_S:g} is the most"
         )
 
 
 def _require_off_poles(begin_deg: float, end_deg: float, what: str) -> None:
     if not (-90.0 <= begin_deg <= 90.0 and -90.0 <= end_deg <= 90.0):
         raise BadRequest(
-            f"these rates lead to {what} {end_deg:+.2f}°, over the pole, where they mean nothing",
-            advice="end them before, or give the way by waypoints",
+            f"these rates lead to {what} {end_deg:+.2f}°, over the pole, where such rates have no meaning",
+            advice="end them before, or give the path by waypoints",
         )
 
 

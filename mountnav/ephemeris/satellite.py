@@ -118,10 +118,10 @@ class SatelliteElements:
         for what, value, low, high, unit in bounds:
             if not low <= value <= high:
                 raise BadRequest(
-                    f"{self.name}: a {what} of {value:g} {unit} is none of an Earth satellite".rstrip()
+                    f"{self.name}: a {what} of {value:g} {unit} is impossible for an Earth satellite".rstrip()
                 )
         if not 0 <= self.norad_id < 1_000_000_000:
-            raise BadRequest(f"{self.name}: {self.norad_id} is no catalog number")
+            raise BadRequest(f"{self.name}: {self.norad_id} is not a catalog number")
 
     @property
     def semi_major_km(self) -> float:

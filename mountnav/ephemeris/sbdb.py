@@ -102,11 +102,11 @@ def _matrix(covariance: Mapping[str, Any], told: Mapping[str, float], name: str)
     if not isinstance(labels, list) or not isinstance(data, list) or not 6 <= len(labels) <= _MOST_LABELS:
         return None
     if tuple(labels[:6]) != _LABELS or len(data) != len(labels):
-        raise BadRequest(f"{name}: a covariance of {labels[:6]} isn't read; of {list(_LABELS)} is")
+        raise BadRequest(f"{name}: a covariance of {labels[:6]} is not supported; of {list(_LABELS)} is")
     rows = []
     for row in data[:6]:
         if not isinstance(row, list) or len(row) != len(labels):
-            raise BadRequest(f"{name}: the covariance is no square of numbers")
+            raise BadRequest(f"{name}: the covariance is not a square of numbers")
         rows.append(tuple(_float(value, "covariance", name) for value in row[:6]))
     # of another epoch than the main ones they stand beside it, else they are the main ones
     own = covariance.get("elements")

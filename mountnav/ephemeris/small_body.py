@@ -68,7 +68,7 @@ def _barycentric_au(number: int, jd: float) -> Vector:
     state = barycentric_state_km(number, whole, jd - whole)
     if state is None:
         raise BadRequest(
-            "the planets' pull is needed for an instant that no ephemeris here covers",
+            "the planets' pull is needed for a time that no ephemeris on this machine covers",
             advice="the shipped one is from 2015 to 2054; import another: mountnav ephemeris import FILE.bsp",
         )
     return state[0] / AU_KM
@@ -85,7 +85,8 @@ class _Way:
         sun = barycentric_state_km(10, whole, elements.epoch_jd - whole)
         if sun is None:
             raise BadRequest(
-                f"the elements of {elements.name} are of {_day(elements.epoch_jd)}: no ephemeris here is",
+                f"the elements of {elements.name} are of {_day(elements.epoch_jd)}: no "
+                "ephemeris on this machine covers that date",
                 advice="get elements of today, or import an ephemeris: mountnav ephemeris import FILE.bsp",
             )
         self._begin = np.concatenate((place + sun[0] / AU_KM, velocity + sun[1] / AU_KM))
@@ -106,7 +107,8 @@ class _Way:
         while not self._ends or self._ends[-1] < abs(since_days):
             if steps >= _STEPS_A_CALL or self._solver.status != "running":
                 raise BadRequest(
-                    f"the way of {self._elements.name} winds too much for {abs(since_days):.0f} days",
+                    f"the orbit of {self._elements.name} is too curved to integrate "
+                    f"over {abs(since_days):.0f} days",
                     advice="get elements of today",
                 )
             steps += 1
@@ -115,7 +117,7 @@ class _Way:
             self._ends.append(abs(self._solver.t))
         found = self._pieces[bisect_left(self._ends, abs(since_days))](since_days)
         if not np.all(np.isfinite(found)):
-            raise BadRequest(f"the way of {self._elements.name} leads into a planet or the Sun")
+            raise BadRequest(f"the orbit of {self._elements.name} leads into a planet or the Sun")
         return np.asarray(found)
 
     def _pull(self, since_days: float, state: Vector) -> Vector:
@@ -278,7 +280,7 @@ class SmallBody:
             raise BadRequest(
                 f"{self.name} may be {sigma / 3600.0:.1f}° off by elements of {_day(self.elements.epoch_jd)} "
                 f"(U = {'unknown' if self.elements.uncertainty is None else self.elements.uncertainty}); "
-                f"beyond {_MOST_SIGMA_DEG:g}° it isn't looked for",
+                f"beyond {_MOST_SIGMA_DEG:g}° it is not searched for",
                 advice="get newer elements, or an ephemeris table",
             )
 

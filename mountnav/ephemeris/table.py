@@ -114,7 +114,7 @@ class Table:
         if not told and self.observer != "geocenter" and longest_s > _LONGEST_STEP_S:
             raise BadRequest(
                 f"{self.name}: with a step of {longest_s / 3600.0:.1f} h and no distance "
-                "the daily parallax can't be told from the motion",
+                "the daily parallax can't be separated from the motion",
                 advice=f"make the step {_LONGEST_STEP_S / 3600.0:g} h or less, or add the distance "
                 "(quantity 20 of Horizons)",
             )
@@ -185,7 +185,7 @@ class Table:
                     if self.observer == "geocenter"
                     else f"a place {apart_km:.0f} km from here"
                 )
-                + f" and tells no distance: from here a body 1 au away stands {of_au:.1f}″ elsewhere, "
+                + f" and gives no distance: from here a body 1 au away stands {of_au:.1f}″ elsewhere, "
                 f"one at the Moon's distance {of_moon:.2f}°",
                 advice="make it for your coordinates, or with the distance (quantity 20 of Horizons)",
             )

@@ -139,7 +139,7 @@ def _matched(form: re.Pattern[str], line: str, at: int, which: str) -> dict[str,
     fields = form.fullmatch(line)
     if fields is None:
         raise BadRequest(
-            f"line {at} is no {which} line of elements, its columns lie elsewhere: {line[:24]!r}...",
+            f"line {at} is not a {which} line of elements, its columns are in other places: {line[:24]!r}...",
             advice="copy the lines whole, with all blanks",
         )
     want = checksum(line)

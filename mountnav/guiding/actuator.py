@@ -84,7 +84,7 @@ class Actuator:
         if not all(math.isfinite(number) and number >= 0.0 for number in numbers):
             raise BadRequest("an actuator's numbers must be finite and not negative", advice=f"see {self}")
         if self.most_arcsec <= 0.0 or self.most_arcsec_s <= 0.0:
-            raise BadRequest("an actuator that corrects nothing can't hold", advice=f"see {self}")
+            raise BadRequest("an actuator without corrections can't hold", advice=f"see {self}")
 
     def rounded(self, corrections: Array) -> Array:
         """The nearest corrections that can be made, ″."""

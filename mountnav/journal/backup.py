@@ -107,7 +107,7 @@ def restore(backup: Path, where: str | Path, utc: datetime) -> Path | None:
     """
     url, file = _its_file(where)
     if not backup.exists():
-        raise NotFound("there is no such backup", device=str(backup), advice="look where it was written")
+        raise NotFound("there is no such backup", device=str(backup), advice="check where it was written")
     require_plain(backup)
     if file.exists() and backup.samefile(file):
         raise BadRequest(f"{backup} is the journal itself", advice="name a backup of it")

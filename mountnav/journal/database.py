@@ -184,7 +184,7 @@ def database_url(where: str | Path) -> URL:
         pass
     raise BadSettings(
         f"the journal can't be at {without_password(text)}",
-        advice="give a file's path, or postgresql://user@host/database; a password belongs into ~/.pgpass",
+        advice="give a file's path, or postgresql://user@host/database; put a password into ~/.pgpass",
     )
 
 

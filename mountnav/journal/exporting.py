@@ -113,7 +113,7 @@ def export(reader: JournalReader, what: str, path: Path, wanted: Wanted = ALL) -
         raise BadRequest(f"there is no table {what!r}", advice=f"one of {', '.join(TABLES)}")
     if path.suffix.lower() not in ENDINGS:
         raise BadRequest(
-            f"{path.name}: what kind of file is this to be?", advice=f"end it with {', '.join(ENDINGS)}"
+            f"{path.name}: the format can't be told from the name", advice=f"end it with {', '.join(ENDINGS)}"
         )
     table = TABLES[what]
     columns = columns_of(table)

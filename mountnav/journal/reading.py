@@ -95,7 +95,9 @@ class Wanted:
             )
         for utc in (self.since, self.until):
             if utc is not None and not _EARLIEST <= utc.replace(tzinfo=None) <= _LATEST:
-                raise BadRequest(f"{utc.isoformat()} is no time of a journal's", advice="from 1000 to 9000")
+                raise BadRequest(
+                    f"{utc.isoformat()} is not a time of a journal's", advice="from 1000 to 9000"
+                )
         outcomes = ("open", "solved", "unsolved", *(str(one) for one in Outcome))
         if self.outcome is not None and self.outcome not in outcomes:
             raise BadRequest(f"there is no outcome {self.outcome!r}", advice=f"one of {', '.join(outcomes)}")
@@ -125,7 +127,9 @@ class Mark:
             if found.utc.tzinfo is None or not dated or not 0 <= found.row < 2**62:
                 raise ValueError(text)
         except (ValueError, TypeError, OverflowError, UnicodeError, binascii.Error) as error:
-            raise BadRequest("this is no cursor", advice="take the one that the last answer gave") from error
+            raise BadRequest(
+                "this is not a cursor", advice="take the one that the last answer gave"
+            ) from error
         return found
 
 
@@ -147,7 +151,7 @@ def instant(text: str, now: datetime) -> datetime:
         return at.replace(tzinfo=UTC) if at.tzinfo is None else at.astimezone(UTC)
     except (ValueError, OverflowError):
         raise BadRequest(
-            f"{text!r} is no time", advice="write 2h, 3d (ago), 2026-11-22, or 2026-11-22T03:00 (UTC)"
+            f"{text!r} is not a time", advice="write 2h, 3d (ago), 2026-11-22, or 2026-11-22T03:00 (UTC)"
         ) from None
 
 
@@ -490,9 +494,9 @@ class JournalReader:
         if file is not None and not file.exists():
             if self._expected:
                 raise JournalFailed(
-                    "it isn't there just now",
+                    "it is not there at the moment",
                     device=str(file),
-                    advice="is its disk there? it is tried again by itself",
+                    advice="is its disk mounted? mountnav tries again by itself",
                 )
             raise NotFound(
                 f"there is no journal at {file}",
@@ -503,7 +507,7 @@ class JournalReader:
                 if not self._checked.is_set():
                     if self._expected and not is_begun(connection, self.url):
                         raise JournalFailed(
-                            "it couldn't be made yet: a file is there, and nothing in it",
+                            "it could not be created yet: the file is empty",
                             device=shown_url(self.url),
                             advice="is there room on the disk, may it be written? it is tried again",
                         )
@@ -516,7 +520,7 @@ class JournalReader:
             raise JournalFailed(
                 f"it can't be read: {explained(error)}",
                 device=shown_url(self.url),
-                advice="`mountnav journal check` tells more",
+                advice="`mountnav journal check` says more",
             ) from error
 
 

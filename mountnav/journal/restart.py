@@ -65,10 +65,10 @@ def _moved(command: CommandRecord) -> str:
         return f"an end of the {axis} axis" if rate == 0 else f"the {axis} axis moved on at {rate:+.4g}°/s"
     ra, dec = facts.get("ra_arcsec_s"), facts.get("dec_arcsec_s")
     if not isinstance(ra, int | float) or not isinstance(dec, int | float):
-        return "an offset-rates"
+        return "an order of offset rates"
     if ra == 0 and dec == 0:
-        return "an end of the rates beside the stars'"
-    return f"rates of {ra:+.4g}″/s in RA and {dec:+.4g}″/s in Dec beside the stars'"
+        return "an end of the offset rates"
+    return f"offset rates of {ra:+.4g}″/s in RA and {dec:+.4g}″/s in Dec"
 
 
 def judged(

@@ -352,7 +352,7 @@ class SqlJournal:
         return JournalFailed(
             f"it can't be written: {explained(error)}",
             device=shown_url(self._url),
-            advice="make room on the disk, or see whether the server runs; it is tried again by itself",
+            advice="make room on the disk, or see whether the server runs; mountnav tries again by itself",
         )
 
     def _begin(self, record: CommandRecord) -> Statements:

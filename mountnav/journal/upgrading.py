@@ -77,7 +77,7 @@ def require_known_version(url: URL) -> None:
         engine.dispose()
     if not begun:
         raise BadSettings(
-            "this is no journal of mountnav", device=shown_url(url), advice="name a file of journal backup"
+            "this is not a journal of mountnav", device=shown_url(url), advice="name a file of journal backup"
         )
 
 

@@ -170,7 +170,7 @@ def require_sound(url: URL, *, most_s: float = CHECK_S) -> bool:
             told = [str(row[0]) for row in connection.execute("PRAGMA integrity_check(3)")]
     except sqlite3.OperationalError as error:
         if getattr(error, "sqlite_errorname", "") == "SQLITE_INTERRUPT":
-            _log.info("the journal %s was not looked through whole within %g s", file, most_s)
+            _log.info("the journal %s was not checked completely within %g s", file, most_s)
             return False
         raise unusable(error, url) from error
     except (sqlite3.DatabaseError, UnicodeDecodeError) as error:

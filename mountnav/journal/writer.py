@@ -208,7 +208,7 @@ class Writer:
                     try:
                         self._write(pieces)
                     except Exception as error:  # a fault of ours: nobody may wait for a thread that has died
-                        _log.exception("the journal's writer hit a fault")
+                        _log.exception("the journal's writer failed unexpectedly")
                         self._failed(pieces, error)
                 elif not ending:
                     more = self._housekeeping()

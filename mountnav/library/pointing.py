@@ -175,5 +175,5 @@ def _looks(
             return read_observations_text(read_text(path), name=path.name), source
         run = read_observations(path)
     if site is None:
-        raise BadRequest("observations tell no site", advice="give site=mn.Site(latitude, longitude)")
+        raise BadRequest("the observations give no site", advice="give site=mn.Site(latitude, longitude)")
     return mechanical(run, Conversion(site, kind, does_refraction, mounting)), source

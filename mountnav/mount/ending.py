@@ -166,7 +166,7 @@ class Ending:
         return True
 
     def _failed(self, error: MountnavError, why: str, tries: int) -> None:
-        self.problem = f"{self._words} could not be ended ({error.what}); it is tried again by itself"
+        self.problem = f"{self._words} could not be ended ({error.what}); mountnav tries again by itself"
         now_s = self._clock.monotonic_s()
         if now_s < self._told_s + _TELL_AGAIN_S:
             return

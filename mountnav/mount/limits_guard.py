@@ -51,11 +51,11 @@ _AT_ITS_END_DEG = 2.0
 Doubled, one that runs on past its end is stopped that much later."""
 _OF_AXES = frozenset({LimitKind.MERIDIAN, LimitKind.UNREACHABLE})
 _MISREPORTED = (
-    "if the tube hangs on the other side of the pier than the mount says (look at it), set swap_sides = true "
+    "if the tube is on the other side of the pier than the mount says (look at it), set swap_sides = true "
     "of the mount"
 )
 _EITHER = (
-    "nothing has shown on which side of the pier the tube hangs: order home, or park and unpark; if that is "
+    "nothing has shown which side of the pier the tube is on: order home, or park and unpark; if that is "
     "at the pole, it shows it when it leaves"
 )
 
@@ -286,9 +286,10 @@ class LimitsGuard:
         """Refuse a way that isn't allowed if the reported side is wrong. Raises `OutsideLimits`."""
         if self.proof.wrong:
             raise OutsideLimits(
-                "the slew isn't allowed: the mount tells the sides of the pier the wrong way round: it says "
-                "that it looks at places in the west with its tube on the west side, its counterweight up",
-                advice="look at the tube while it points to the west; if it hangs on the east side, set "
+                "the slew isn't allowed: the mount reports the sides of the "
+                "pier the wrong way round: it says "
+                "that it points west with its tube on the west side, counterweight up",
+                advice="look at the tube while it points west; if it is on the east side, set "
                 "swap_sides = true of the mount, else swap_sides = false",
                 limit=LimitKind.MERIDIAN,
             )
@@ -316,7 +317,7 @@ class LimitsGuard:
 
     def advice_beyond(self, reading: MountReading, limit: LimitKind) -> str:
         """What to do about a mount that came outside a limit on its way."""
-        advice = "see where it stands; it went another way than expected (side of the pier, rates)"
+        advice = "see where it stands; it took another path than expected (side of the pier, rates)"
         misreported = limit is LimitKind.MERIDIAN and self._may_be_misreported(reading)
         return f"{advice}; {_MISREPORTED}" if misreported else advice
 
@@ -351,7 +352,7 @@ class LimitsGuard:
         seen = icrs_to_observed(place, utc, self.site, self.air)
         if seen.alt_deg < BELOW_GROUND_DEG:
             raise OutsideLimits(
-                f"the place is at altitude {seen.alt_deg:.1f}° at this hour: nothing can point there",
+                f"the place is at altitude {seen.alt_deg:.1f}° at this hour: no telescope can point there",
                 advice="nothing was synced; check this machine's clock, the site and the frame's time",
             )
 
@@ -442,7 +443,7 @@ class LimitsGuard:
         place = Observed(soon.az_deg, soon.alt_deg, utc)
         advice = "slew to a place within the limits first"
         if soon.limit is LimitKind.MERIDIAN and self.unproven(reading):
-            advice = f"{advice}; nothing has shown yet on which side of the pier the tube hangs: {LOOK_AT_IT}"
+            advice = f"{advice}; nothing has shown yet which side of the pier the tube is on: {LOOK_AT_IT}"
         raise OutsideLimits(
             f"tracking here leads in {soon.after_s:.0f} s to altitude {soon.alt_deg:.1f}°, azimuth "
             f"{soon.az_deg:.0f}°, {why(self.limits, soon.limit, 0.0, place)}",

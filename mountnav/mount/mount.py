@@ -548,7 +548,9 @@ class CheckedMount:
     def _require_no_axis(self, order: str) -> None:
         if self._axes.owed:
             raise Busy(
-                f"the {order} refused: an axis is moved by hand", device=self.name, advice="end that first"
+                f"the {order} refused: an axis is moved by hand",
+                device=self.name,
+                advice="end that motion first",
             )
 
     async def stop(self) -> None:

@@ -219,9 +219,9 @@ class AxisOrders(SelfActingOrders):
 
     def _busy_following(self) -> Busy:
         return Busy(
-            "it follows a moving target, at rates beside the stars'",
+            "it follows a moving target, at offset rates",
             device=self._mount.name,
-            advice="end that first, or stop it",
+            advice="end that motion first, or stop it",
         )
 
     def _require_within(
@@ -373,7 +373,7 @@ class AxisOrders(SelfActingOrders):
                 return
             if self._clock.monotonic_s() > until_s:
                 raise DeviceRefused(
-                    f"told to end, an axis turns at {turned:.2f}°/s still",
+                    f"an axis still turns at {turned:.2f}°/s after it was told to end",
                     device=self._mount.name,
                     advice="stop it, or cut its power",
                 )

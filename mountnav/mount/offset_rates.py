@@ -109,7 +109,7 @@ class RateOrders(SelfActingOrders):
         rest: Callable[[], Awaitable[None]],
         axes_move: Callable[[], bool],
     ) -> None:
-        super().__init__(rooms, _NAME, "the rates beside the stars'", stop=stop)
+        super().__init__(rooms, _NAME, "the offset rates", stop=stop)
         self._rest, self._axes_move = rest, axes_move
         self._owed = False
         self._moves = 0
@@ -204,7 +204,7 @@ class RateOrders(SelfActingOrders):
 
     def _require_sense(self, rates: OffsetRates, ends_utc: datetime) -> None:
         if not (math.isfinite(rates.ra_arcsec_s) and math.isfinite(rates.dec_arcsec_s)):
-            raise BadRequest(f"{rates.ra_arcsec_s} and {rates.dec_arcsec_s} ″/s are no rates")
+            raise BadRequest(f"{rates.ra_arcsec_s} and {rates.dec_arcsec_s} ″/s are not rates")
         if rates.none:
             return
         if ends_utc.tzinfo is None:
@@ -220,11 +220,11 @@ class RateOrders(SelfActingOrders):
 
     def _require_able(self, mount: TakesOffsetRates, rates: OffsetRates, before: MountReading) -> None:
         if self._axes_move():
-            raise Busy("an axis is moved by hand", device=self._mount.name, advice="end that first")
+            raise Busy("an axis is moved by hand", device=self._mount.name, advice="end that motion first")
         speed = offset_speed_arcsec_s(rates, before.place.dec_deg)
         if speed > self._policy.most_arcsec_s:
             raise BadRequest(
-                f"{speed:.0f} ″/s beside the stars: at most {self._policy.most_arcsec_s:g} ″/s are allowed",
+                f"offset rates of {speed:.0f} ″/s: at most {self._policy.most_arcsec_s:g} ″/s are allowed",
                 advice="look at the units; or set following.most_arcsec_s",
             )
         most = mount.most_offset_arcsec_s
@@ -242,7 +242,7 @@ class RateOrders(SelfActingOrders):
             raise Busy("it slews", device=self._mount.name, advice="wait for it")
         if before.tracking is False:
             raise DeviceRefused(
-                "rates beside the stars' refused: it doesn't track",
+                "offset rates refused: it doesn't track",
                 device=self._mount.name,
                 advice="order tracking first",
                 reason=Refusal.NOT_TRACKING,
@@ -272,7 +272,7 @@ class RateOrders(SelfActingOrders):
             f"the rates lead at {at:%H:%M:%S} UTC, {(at - utc).total_seconds():.0f} s from now, to altitude "
             f"{reached.alt_deg:.1f}°, azimuth {reached.az_deg:.0f}°, "
             f"{in_words(guard.limits, reached.limit, 0.0, place)}",
-            advice="let them end before",
+            advice="let them end earlier",
             limit=reached.limit,
         )
 
@@ -357,8 +357,8 @@ class RateOrders(SelfActingOrders):
                 zero = max(_ZERO_ARCSEC_S, float(getattr(mount, "offset_step_arcsec_s", 0.0)))
                 if said is not None and max(abs(said.ra_arcsec_s), abs(said.dec_arcsec_s)) > zero:
                     raise DeviceRefused(
-                        f"told to end its rates, it says to have {said.ra_arcsec_s:.3f} and "
-                        f"{said.dec_arcsec_s:.3f} ″/s still",
+                        f"after it was told to end its rates, it still has {said.ra_arcsec_s:.3f} and "
+                        f"{said.dec_arcsec_s:.3f} ″/s",
                         device=mount.name,
                     )
             self._settled()
@@ -396,7 +396,7 @@ class RateOrders(SelfActingOrders):
             return
         why = f"their end, {in_force.ends_utc:%H:%M:%S} UTC, has come"
         facts: Mapping[str, object] = {"why": why, "left": self._policy.on_loss} | in_force.facts()
-        await self._book.note(EntryKind.DECISION, f"the rates beside the stars' end: {why}", facts)
+        await self._book.note(EntryKind.DECISION, f"the offset rates end: {why}", facts)
         self._state.tell("offset-rates-over", facts)
         if self._policy.on_loss == "stop":
             with contextlib.suppress(MountnavError):

@@ -409,7 +409,7 @@ class SyncOrders(Orders):
             self._state.regained()
         if result.outcome is SyncOutcome.ELSEWHERE and self._state.trusted:
             self._state.distrust(
-                f"it took a sync for another place: it believes to be {result.miss_arcsec:.0f}″ from there"
+                f"it synced to another place: it believes that it is {result.miss_arcsec:.0f}″ from there"
             )
         return OrderResult(
             _SYNC_OUTCOMES[result.outcome],

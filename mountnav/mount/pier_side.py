@@ -47,7 +47,7 @@ _SIDES = (PierSide.EAST, PierSide.WEST)
 
 LOOK_AT_IT = (
     "order home, or park and unpark: if that is at the pole, the first slew from there shows it; or look at "
-    "the tube, and set swap_sides of the mount: false if it hangs where the mount says, true if on the other "
+    "the tube, and set swap_sides of the mount: false if it is where the mount says, true if on the other "
     "side, and start the service again"
 )
 
@@ -152,8 +152,8 @@ class SideProof:
             stood_deg = float(before[limit][0]) + _DEEPER_DEG if came_in else 0.0
             if depth_deg > max(0.0, stood_deg):
                 raise SideUnproven(
-                    f"the slew isn't allowed: the mount says that its tube hangs on the {start.side} side of "
-                    f"the pier, which nothing has shown yet; if it hangs on the other one, it would come "
+                    f"the slew isn't allowed: the mount says that its tube is on the {start.side} side of "
+                    f"the pier, which nothing has confirmed yet; if it is on the other one, it would come "
                     f"{depth_deg:.1f}° too far past the meridian on its way",
                     advice=LOOK_AT_IT,
                     limit=LimitKind.MERIDIAN,
@@ -173,8 +173,8 @@ class SideProof:
         if all(float(later[limit][0]) <= 0.0 for limit in _OF_AXES & set(later)):
             return
         raise SideUnproven(
-            f"the slew isn't allowed: the mount would say that its tube hangs on the {end.side} side of the "
-            "pier, which nothing has shown yet; if it hangs on the other one, tracking there leads too far "
+            f"the slew isn't allowed: the mount would say that its tube is on the {end.side} side of the "
+            "pier, which nothing has confirmed yet; if it is on the other one, tracking there leads too far "
             "past the meridian at once",
             advice=LOOK_AT_IT,
             limit=LimitKind.MERIDIAN,

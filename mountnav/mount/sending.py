@@ -316,7 +316,9 @@ class Admission:
 
     async def unsupported(self, order: Order) -> DeviceRefused:
         """Write down that the mount can't do this, and give what is to be raised."""
-        refusal = DeviceRefused(f"it can't: {order}", device=self._mount.name, reason=Refusal.UNSUPPORTED)
+        refusal = DeviceRefused(
+            f"it can't do this: {order}", device=self._mount.name, reason=Refusal.UNSUPPORTED
+        )
         await self._sender.refused(order, refusal)
         return refusal
 

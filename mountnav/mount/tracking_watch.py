@@ -159,7 +159,7 @@ class LimitStop:
         """Get out of the Sun's way: a tube west of it that stands still is where the Sun will be."""
         if Skill.PARK not in self._mount.skills or not self._mount.trusted:
             raise DeviceRefused(
-                "it tracks on: standing still it would have the Sun come over it, and can't park"
+                "it keeps tracking: the Sun would pass over it if it stood still, and it can't park"
             )
         await self._park()
 
@@ -180,7 +180,7 @@ class LimitStop:
         # many old mounts track on after a stop, and have no words for ending that: parked they rest
         if await self._tracks():
             if Skill.PARK not in self._mount.skills:
-                raise DeviceRefused("it tracks on after a stop, and can neither rest nor park")
+                raise DeviceRefused("it keeps tracking after a stop, and can neither stand still nor park")
             await self._park()
 
     async def _park(self) -> None:
@@ -203,8 +203,8 @@ class LimitStop:
             await asyncio.gather(parking, return_exceptions=True)
         if parking.result() is SlewOutcome.STALLED:
             raise DeviceError(
-                "it came to rest on its way to its park position",
-                advice="look at the mount: is an axis blocked or a clutch open?",
+                "it stopped on its way to its park position",
+                advice="look at the mount: is an axis blocked, or a clutch open?",
             )
 
     async def _tracks(self) -> bool:
@@ -493,7 +493,7 @@ class TrackingWatch:
         where = f"it was stopped at altitude {seen.alt_deg:.1f}°, azimuth {seen.az_deg:.0f}°"
         if self._guard.strays(reading, check):
             return WentAnotherWay(
-                f"the mount went another way than expected ({', '.join(check.ways)}): {where}",
+                f"the mount took another path than expected ({', '.join(check.ways)}): {where}",
                 advice=self._guard.advice_astray(reading),
                 limit=LimitKind.MERIDIAN,
             )
@@ -521,7 +521,8 @@ class TrackingWatch:
         seen = self._guard.seen(again)
         # planned again it would go on from here, nearer to the limit
         return OutsideLimits(
-            f"the mount went another way than expected ({', '.join(check.ways)}), towards the limit past the "
+            "the mount took another path than expected "
+            f"({', '.join(check.ways)}), towards the limit past the "
             f"meridian: it was stopped while it could rest before it, at altitude {seen.alt_deg:.1f}°, "
             f"azimuth {seen.az_deg:.0f}°",
             advice=self._guard.advice_astray(again),
@@ -539,7 +540,7 @@ class TrackingWatch:
         if deeper is None:
             return
         limit, depth = deeper
-        what = f"moved without an order of ours to {self._where(reading, limit, depth)}"
+        what = f"moved without an order from mountnav to {self._where(reading, limit, depth)}"
         if await self._halting.halt(reading, limit, what, motion=True):
             self._least[limit] = depth  # from here on
 

@@ -259,7 +259,7 @@ class PositionMemory:
 
     def _write(self, seen: LastSeen) -> None:
         self._written = seen
-        words = "its position counts" if seen.trusted else f"its position doesn't count: {seen.why}"
+        words = "its position is trusted" if seen.trusted else f"its position is not trusted: {seen.why}"
         self._book.note_now(EntryKind.STANDING, words, seen.facts())
 
 
@@ -277,8 +277,8 @@ _SAME = 0.4
 by hand. Doubled, a clock that has moved by 48 s since counts as accepted."""
 
 ADVICE = (
-    "set the mount right (order set-site-time), or correct [site] and this machine's clock and start again; "
-    "or, if it is meant so, let one who may configure accept it (order accept-site-time)"
+    "correct the mount (order set-site-time), or correct [site] and this machine's clock and start again; "
+    "or, if the difference is intended, let a user with the role configure accept it (order accept-site-time)"
 )
 ACCEPTED = "site-time-accepted"
 """What the facts of such a journal entry say under `about`."""
@@ -444,7 +444,7 @@ class SiteTimeAgreement:
         """Set the mount's site and clock to ours. Raises `DeviceError`."""
         if not isinstance(self._mount, Comparable):
             raise DeviceRefused(
-                "it can't be told its site and time", device=self._mount.name, reason=Refusal.UNSUPPORTED
+                "its site and time can't be set", device=self._mount.name, reason=Refusal.UNSUPPORTED
             )
         # ordered once more it is the word of one who knows that ours are right
         self.turned_deg = None

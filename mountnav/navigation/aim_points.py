@@ -140,7 +140,7 @@ AimPoint = PixelPoint | OffsetPoint
 
 def _require_numbers(name: str, *values: float) -> None:
     if not all(math.isfinite(value) for value in values):
-        raise BadSettings(f"point {name or 'of the order'}: {values} are no numbers")
+        raise BadSettings(f"point {name or 'of the order'}: {values} are not numbers")
 
 
 def by_name(points: tuple[AimPoint, ...], name: str, *, device: str | None = None) -> AimPoint:

@@ -293,7 +293,7 @@ class Aiming:
         if axis is not None:
             return axis
         raise BadRequest(
-            f"nobody knows yet where {self.words} looks: how the camera stands on the tube has to be seen "
+            f"it is not known yet where {self.words} looks: how the camera stands on the tube has to be seen "
             f"first ({self.equipment.guard.learned.words})",
             device=self.equipment.name,
             advice="order center, which looks; or look at three fields, then slew",

@@ -271,7 +271,7 @@ class Centering:
             if error.total_arcsec <= self._tolerance:
                 latest = await self._at_rest(found)
                 if latest is None:
-                    tries.close(Correction.NONE, "its position stopped counting", slewed=False)
+                    tries.close(Correction.NONE, "its position became untrusted", slewed=False)
                     continue
                 if latest is not found:
                     # that the tube holds still is what it shows: a moving target has gone on meanwhile
@@ -360,7 +360,7 @@ class Centering:
                 return again
             most = most if agreed else max(most, moved_arcsec(latest, again))
             latest = again
-        words = f"looks at one place differ by {most:.0f}″: the tube doesn't hold still"
+        words = f"looks at one place differ by {most:.0f}″: the tube does not keep still"
         self.tries.close(Correction.NONE, words, slewed=False)
         raise TargetNotReached(
             words,
@@ -375,7 +375,7 @@ class Centering:
         self._recoveries += 1
         if self._recoveries > MOST_RECOVERIES:
             raise DeviceRefused(
-                f"its position stopped counting {self._recoveries} times in this centering",
+                f"its position became untrusted {self._recoveries} times in this centering",
                 device=self._equipment.mount.name,
                 advice="look at the mount: its power, its cable",
                 reason=Refusal.UNTRUSTED,
@@ -524,7 +524,7 @@ async def center_in_time(
         late = TargetNotReached(
             f"not centered within {policy.timeout_s:.0f} s ({run.last_error}); the mount was stopped",
             device=equipment.name,
-            advice="allow more time, or see what took it in the job's attempts",
+            advice="allow more time, or see in the job's attempts what took the time",
             reason=NotReached.TIME,
         )
         equipment.note_now(EntryKind.CENTERING, late.what, centering_facts(run, error=late))

@@ -231,7 +231,7 @@ class _FirstLight:
         words = f"the mount says that it moved {length:.0f}″, the tube went {seen.total_arcsec:.0f}″"
         if along < -0.5 * length:
             raise SyncRefused(
-                f"{words}, backwards: it believes in the wrong posture, on the other side of the pier",
+                f"{words}, in the opposite direction: it believes that it is on the other side of the pier",
                 device=equipment.name,
                 advice="nothing was synced; let it find its home, or put the tube at its home or park "
                 "position by hand, say trust, and order first light again",
@@ -305,7 +305,7 @@ class _FirstLight:
                 raise OffsetTooLarge(
                     words,
                     device=equipment.name,
-                    advice="its position doesn't count: does a clutch slip, does it take syncs as it "
+                    advice="its position is not trusted: does a clutch slip, does it take syncs as it "
                     "should? then order first light again",
                 )
             with contextlib.suppress(OutsideLimits):

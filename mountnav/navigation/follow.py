@@ -472,9 +472,11 @@ class Following:
         equipment, mount, target = self._equipment, self._mount, self._target
         now = self._clock.utc()
         if self._until <= now:
-            raise BadRequest(f"following until {self._until:%Y-%m-%d %H:%M:%S} UTC: that is over")
+            raise BadRequest(f"following until {self._until:%Y-%m-%d %H:%M:%S} UTC: that time is over")
         if self._until - now > LONGEST:
-            raise BadRequest("following for more than a day", advice="order it for less, and again")
+            raise BadRequest(
+                "following for more than a day", advice="order a shorter time, then order it again"
+            )
         if target.begins_utc is not None and target.begins_utc > self._until:
             raise BadRequest(f"{target.name} has no place before {target.begins_utc:%Y-%m-%d %H:%M:%S} UTC")
         if target.ends_utc is not None and target.ends_utc < self._until:
@@ -502,7 +504,7 @@ class Following:
                 self._note(f"it will be followed until {ends:%H:%M:%S} UTC: {target.name} {event.words}")
             break
         if self._until - now < timedelta(seconds=2.0):
-            raise BadRequest(f"there are less than 2 s left to follow {target.name}")
+            raise BadRequest(f"fewer than 2 s are left to follow {target.name}")
         return await asyncio.to_thread(
             plan_follow, self._path, now, self._until, mount.epoch, self._means(), self._tolerance
         )
@@ -596,7 +598,7 @@ class Following:
             return known  # on the other side of the pier it says nothing
         self._note(
             f"aimed by the look of {seen.mid_exposure_utc:%H:%M:%S} UTC, which saw the tube "
-            f"{seen.offset.total_arcsec:.0f}″ beside where the mount believed to point"
+            f"{seen.offset.total_arcsec:.0f}″ beside where the mount believed it pointed"
         )
         own = seen.solution.center_sigma_arcsec
         return known.anew(
@@ -618,7 +620,7 @@ class Following:
         if comes >= self._until:
             lead_s = (comes - clock.utc()).total_seconds()
             raise BadRequest(
-                f"{self._target.name} is over before the telescope could be on its path ({lead_s:.0f} s)",
+                f"{self._target.name} ends before the telescope could reach its path ({lead_s:.0f} s)",
                 advice="nothing was moved; order it earlier, to wait for it",
             )
         ahead = self._path(comes)
@@ -687,7 +689,7 @@ class Following:
             comes = max(comes, earliest)
             if comes >= self._until:
                 raise BadRequest(
-                    f"{self._target.name} is over before the telescope could be on its path",
+                    f"{self._target.name} ends before the telescope could reach its path",
                     advice="order it earlier, to wait for it",
                 )
             ahead = self._path(comes)
@@ -1350,7 +1352,7 @@ class Following:
             raise TargetNotReached(
                 f"{self._target.name} can't be followed: {why}",
                 device=self._equipment.name,
-                advice="the mount follows the stars again; look at what its driver makes of rates",
+                advice="the mount tracks the stars again; check what its driver does with rates",
                 reason=NotReached.OTHER,
             )
         self._by = plan.instead

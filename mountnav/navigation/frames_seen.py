@@ -51,9 +51,7 @@ hand. Doubled, two more looks are spoiled before it is said."""
 _INLINE_BYTES = 1 << 20
 """More than this, about 1 ms of work, goes to a thread. Doubled, the event loop stands still for 2 ms at a
 frame."""
-_NOTHING_BEFORE = (
-    "no frame before it, in the present zero points, tells whether the camera shows the sky of now"
-)
+_NOTHING_BEFORE = "no earlier frame since the last sync proves that this one is new"
 
 
 @dataclass(frozen=True, slots=True)

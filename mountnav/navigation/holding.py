@@ -466,7 +466,7 @@ class Holding:
                             f"no look was solved for {(clock.monotonic_s() - solved_s) / 60.0:.0f} minutes: "
                             f"{problem}",
                             device=self._equipment.name,
-                            advice="look for clouds, dew, focus; it tracks on uncorrected",
+                            advice="check for clouds, dew and focus; it tracks on uncorrected",
                             reason="given up",
                         )
                 self._begin_dither()
@@ -582,7 +582,7 @@ class Holding:
             self._bending.clear()
             self._rotation.clear()
             self._rates = STARS_RATES
-            await self._note("the tube has changed sides: what is known of drift begins anew", {})
+            await self._note("the tube has changed sides: what is known of drift begins again", {})
         self._side = side
         off = offset_arcsec(look.seen, self._wanted)
         if self._plan.looks == "camera":
@@ -644,7 +644,7 @@ class Holding:
         moved = separation_arcsec(look.believed, self._believed)
         if moved > MOVED_ARCSEC and look.after.side is self._side:
             raise MountMoved(
-                f"the mount has moved by {moved / 60.0:.1f}′ that nobody corrected: the hold ends",
+                f"the mount has moved by {moved / 60.0:.1f}′ without a correction: the hold ends",
                 device=self._equipment.name,
                 advice="somebody slewed or synced it: center the target, then hold again",
             )
@@ -693,7 +693,7 @@ class Holding:
         if fault is not None and fault[1] == "reversed":
             axis = "right ascension" if fault[0] == "primary" else "declination"
             raise DeviceRefused(
-                f"the mount does the contrary of what it is told in {axis}: corrections make it worse",
+                f"the mount does the opposite of what it is told in {axis}: corrections make it worse",
                 device=self._equipment.name,
                 advice="look at the mount's setting for guiding after a flip, or at its guide cable's",
                 reason=Refusal.OTHER,
@@ -803,7 +803,7 @@ class Holding:
                 TargetNotReached(
                     f"the dither did not settle in {elapsed_s:.0f} s: the last look is {off_arcsec:.1f}″ off",
                     device=self._equipment.name,
-                    advice="allow a wider settle_within, or look at the noise that the hold tells",
+                    advice="allow a wider settle_within, or check the noise that the hold reports",
                     reason=NotReached.RESTLESS,
                 )
             )
@@ -845,7 +845,7 @@ class Holding:
             raise SolveFailed(
                 "no look was solved while it held",
                 device=self._equipment.name,
-                advice="look for clouds, dew, focus",
+                advice="check for clouds, dew and focus",
                 reason="none",
             )
         primary, secondary = self._guider.state(self._sigma)
@@ -902,7 +902,7 @@ def _means(equipment: Equipment, by: HoldBy | None) -> HoldBy:
         raise DeviceRefused(
             f"the mount can't be corrected by {chosen}" + (f", by {' or '.join(sorted(can))}" if can else ""),
             device=equipment.name,
-            advice="leave `by` out" if can else "this mount takes neither guide pulses nor rates",
+            advice="leave out `by`" if can else "this mount takes neither guide pulses nor rates",
             reason=Refusal.UNSUPPORTED,
         )
     return chosen

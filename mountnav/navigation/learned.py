@@ -358,7 +358,7 @@ class Learned:
 
 
 def _parity(parity: int) -> str:
-    return "as the sky is seen" if parity > 0 else "mirrored"
+    return "not mirrored" if parity > 0 else "mirrored"
 
 
 __all__ = ["Learned", "Lesson", "LessonKind", "Normal"]

@@ -352,8 +352,8 @@ async def _refuse_repeated(equipment: Equipment, frame: Frame) -> None:
         print_ = fingerprint(frame.pixels)
     if equipment.frames.of(camera_of(frame, equipment.camera.name)).repeats(frame, print_):
         raise RepeatedFrame(
-            f"{frame.source}: pixel for pixel a frame that the camera gave before, with a new time",
-            advice="restart the camera or its driver: no two exposures are the same",
+            f"{frame.source}: identical, pixel for pixel, to an earlier frame, but with a new time",
+            advice="restart the camera or its driver: no two exposures are identical",
         )
 
 
@@ -412,7 +412,8 @@ def _mid_exposure(
     if frame.mid_exposure_utc is None:
         raise BadFrame(
             f"{frame.source}: no time of exposure in the frame",
-            advice="let the camera write DATE-OBS and EXPTIME: without them a look can't be compared",
+            advice="make the camera write DATE-OBS and EXPTIME: without them a look "
+            "can't be compared with the mount",
         )
     middle = frame.mid_exposure_utc
     half = timedelta(seconds=0.5 * (asked_s if frame.exposure_s is None else frame.exposure_s))

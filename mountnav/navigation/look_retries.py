@@ -252,9 +252,9 @@ class PersistentLook:
 
     def _unproven(self, taken: LookResult, frames: int) -> SyncRefused:
         return SyncRefused(
-            f"{frames} frames of one place don't agree on it: {taken.doubt}",
+            f"{frames} frames of one field don't agree: {taken.doubt}",
             device=self._equipment.camera.name,
-            advice="nothing was moved or synced by them; does the tube hold still (wind, tracking)? look "
+            advice="they moved and synced nothing; does the tube keep still (wind, tracking)? look "
             "again when it does; does the camera hand out old frames?",
             doubts=(SyncDoubt.NOT_FRESH,),
         )

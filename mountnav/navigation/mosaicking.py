@@ -233,7 +233,7 @@ class Mosaicking:
         """
         if not self.waiting:
             raise BadRequest(
-                "no panel waits for that",
+                "no panel is waiting for that",
                 device=self.equipment.name,
                 advice="wait until the panel is centered: the event panel tells",
             )
@@ -357,7 +357,7 @@ class Mosaicking:
                 "next one may begin",
                 device=self.equipment.name,
                 advice=f"has the camera program ended? order it again with from_panel = "
-                f"{centered.panel.number}, or from the next one",
+                f"{centered.panel.number}, or the next one",
                 reason=NotReached.TIME,
             ) from None
         finally:

@@ -262,9 +262,9 @@ class MountOrders:
             )
         if outcome is SlewOutcome.STALLED:
             raise TargetNotReached(
-                f"the mount came to rest on its way to {where}",
+                f"the mount stopped on its way to {where}",
                 device=self.mount.name,
-                advice="look at the mount before its next order: is an axis blocked or a clutch open?",
+                advice="look at the mount before its next order: is an axis blocked, or a clutch open?",
                 reason=NotReached.REST,
             )
         return outcome

@@ -616,7 +616,7 @@ class Navigator(MountOrders):
             report = await self._centered(target, self.policy, point, None, planned_s, key)
             if before is not None and report.side is before and not report.flipped:
                 raise TargetNotReached(
-                    f"centered, but the tube still hangs {before} of the pier",
+                    f"centered, but the tube is still {before} of the pier",
                     device=self.name,
                     advice="the target must have crossed the meridian, by as much as the mount asks for",
                     reason=NotReached.SIDE,

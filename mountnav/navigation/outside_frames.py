@@ -131,7 +131,7 @@ async def compare_frame(
     if middle is None:
         raise BadFrame(
             f"{frame.source}: no time of exposure in the frame",
-            advice="let the camera write DATE-OBS and EXPTIME: without them a frame can't be compared",
+            advice="make the camera write DATE-OBS and EXPTIME: without them a frame can't be compared",
         )
     look_id = new_id()
     with because(look_id=look_id):

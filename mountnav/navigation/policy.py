@@ -145,7 +145,7 @@ class Persistence:
         for name in ("longer_by", "wider_by"):
             value = getattr(self, name)
             if not value > 1.0:
-                raise BadSettings(f"{name} = {value} changes nothing", advice=f"set {name} > 1")
+                raise BadSettings(f"{name} = {value} has no effect", advice=f"set {name} > 1")
 
 
 def trouble_of(verdict: Verdict) -> Trouble:

@@ -199,7 +199,7 @@ _LAWS: tuple[_Law, ...] = (
 """All faults that have a name, simplest first."""
 
 _WORDS: Mapping[RateFault, str] = {
-    _F.IGNORED: "the mount ignores rates: it tracks as for a star",
+    _F.IGNORED: "the mount ignores rates: it tracks at the sidereal rate",
     _F.ONLY_RA: "the mount keeps the rate in right ascension alone",
     _F.ONLY_DEC: "the mount keeps the rate in declination alone",
     _F.SIGN_RA: "the mount takes the rate in right ascension with the other sign",
@@ -463,7 +463,7 @@ def rates_of(
     if len(looks) < 2:
         return None
     if len({type(look.place) for look in looks}) > 1:
-        raise TypeError("places of different kinds: convert them first")
+        raise TypeError("positions of different kinds: convert them first")
     first = looks[0]
     seconds = np.array([(look.utc - first.utc).total_seconds() for look in looks])
     span_s = float(seconds.max() - seconds.min())

@@ -274,10 +274,10 @@ def require_known_posture(found: Look, equipment: Equipment) -> None:
             "home, or put the tube at its home or park position by hand, say trust, and order first light"
         )
     raise SyncRefused(
-        f"the mount says that the tube hangs on the side {said}, the image's rotation says {seen}: "
+        f"the mount says that the tube is on the side {said}, the image's rotation says {seen}: "
         "a sync in the wrong posture would turn its next slew the wrong way",
         device=equipment.name,
-        advice=f"nothing was synced; {advice}; if it is no German mount, set mount.mounting",
+        advice=f"nothing was synced; {advice}; if it is not a German mount, set mount.mounting",
         doubts=(SyncDoubt.WRONG_SIDE,),
     )
 
@@ -293,7 +293,7 @@ def require_away_from_pole(found: Look, policy: CenteringPolicy, *, device: str)
     if away_deg >= policy.pole_deg:
         return
     raise SyncRefused(
-        f"the tube looks {away_deg:.1f}° from the pole, where a frame doesn't tell the hour angle axis "
+        f"the tube looks {away_deg:.1f}° from the pole, where a frame does not show the hour angle "
         f"({policy.pole_deg:g}° are needed)",
         device=device,
         advice="nothing was synced; order first light: it leaves the pole before it syncs; or let the mount "
@@ -347,7 +347,8 @@ def require_rightly_set(found: Look, mount: CheckedMount, *, device: str) -> Non
         return
     raise OffsetTooLarge(
         f"the tube looks {off_deg:+.1f}° in right ascension from where the mount believes, and its sky was "
-        f"turned by {turned_deg:+.1f}° when site and clock were set: it had been right, and ours are wrong",
+        f"turned by {turned_deg:+.1f}° when site and clock were set: the mount "
+        "was right, and mountnav's are wrong",
         device=device,
         advice="nothing was synced; correct [site] and this machine's clock, start again, and set the mount "
         "right (order set-site-time). If they are right for sure, order set-site-time once more: then it "
@@ -398,6 +399,6 @@ def agreement_arcsec(first: Look, second: Look, policy: CenteringPolicy, resolut
         raise OffsetTooLarge(
             f"two frames, one after the other, were solved {angle_words(apart)} apart "
             f"(allowed {allowed:.0f}″)",
-            advice="nothing was synced; does the mount track, and does the tube hold still? then try again",
+            advice="nothing was synced; does the mount track, and does the tube keep still? then try again",
         )
     return apart

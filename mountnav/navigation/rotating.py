@@ -142,7 +142,7 @@ class Rotating:
             tuple(self.notes),
         )
         if turns:
-            what = f"the field stands at {shown_deg:.2f}° ({off_deg:+.2f}° off) after {len(turns)} turn(s)"
+            what = f"the field is at {shown_deg:.2f}° ({off_deg:+.2f}° off) after {len(turns)} turn(s)"
             await self.equipment.note(EntryKind.DECISION, what, _facts(rotation))
         return rotation
 
@@ -162,7 +162,7 @@ class Rotating:
     def _needed(self, wanted: FieldAngle, off_deg: float, tolerance_deg: float) -> CheckedRotator:
         if self.rotator is None:
             raise DeviceRefused(
-                f"the image stands {off_deg:+.1f}° from the position angle {wanted.position_angle_deg:.1f}° "
+                f"the image is {off_deg:+.1f}° from the position angle {wanted.position_angle_deg:.1f}° "
                 f"(tolerance {tolerance_deg:g}°), and there is no rotator to turn it",
                 device=self.equipment.name,
                 advice="turn the camera by hand by that angle, north through east, or allow it "
@@ -218,7 +218,7 @@ class Rotating:
         assert self.rotator is not None
         why = f": {'; '.join(self.notes)}" if self.notes else ""
         return TargetNotReached(
-            f"the image stands {off_deg:+.2f}° from the position angle "
+            f"the image is {off_deg:+.2f}° from the position angle "
             f"{wanted.position_angle_deg:.1f}° after "
             f"{turns} turn(s) (tolerance {tolerance_deg:g}°){why}",
             device=self.rotator.name,

@@ -72,7 +72,7 @@ class RotatorRules:
     def __post_init__(self) -> None:
         numbers = (self.least_deg, self.most_deg, self.tolerance_deg)
         if not all(math.isfinite(value) for value in numbers):
-            raise BadSettings(f"rotator: {numbers} are no angles")
+            raise BadSettings(f"rotator: {numbers} are not angles")
         if not 0.0 < self.most_deg - self.least_deg <= 360.0:
             raise BadSettings(
                 f"rotator: cable limits {self.least_deg:g}° to {self.most_deg:g}°",
@@ -212,7 +212,7 @@ class CheckedRotator:
         self._heed(reading)
         if reading.moving:
             raise DeviceRefused(
-                f"it is turning, at {reading.mechanical_deg:.1f}°, and not by our order",
+                f"it is turning, at {reading.mechanical_deg:.1f}°, and mountnav has not ordered it",
                 device=self.name,
                 advice="wait for it, or stop it",
                 reason=Refusal.BUSY,
@@ -221,7 +221,7 @@ class CheckedRotator:
         if stands_deg is None:
             raise DeviceRefused(
                 f"it stands at {reading.mechanical_deg:.1f}°, outside of its cable limits "
-                f"{self.rules.least_deg:g}° to {self.rules.most_deg:g}°: nobody knows how its cables lie",
+                f"{self.rules.least_deg:g}° to {self.rules.most_deg:g}°: how its cables lie is not known",
                 device=self.name,
                 advice="look at the cables, turn it back by its own program, or correct the limits",
                 reason=Refusal.LIMIT,
@@ -249,7 +249,7 @@ class CheckedRotator:
         """Refuse to turn one whose count a solve has disproved. Raises `DeviceRefused`."""
         if self.lost:
             raise DeviceRefused(
-                f"{self.lost}: nobody knows how its cables lie",
+                f"{self.lost}: how its cables lie is not known",
                 device=self.name,
                 advice="look at the cables and set its count right in its own program; or order rotate with "
                 "trust_count, if they lie as its count says now",

@@ -191,7 +191,7 @@ async def search(
     raise SolveFailed(
         words,
         device=equipment.name,
-        advice="the mount was sent back to the target; look for clouds, dew, focus and the lens cap, or "
+        advice="the mount was sent back to the target; check for clouds, dew, focus and the lens cap, or "
         "search further (radius_deg, most_looks, most_s, exposure_s)",
         reason="not found",
     )

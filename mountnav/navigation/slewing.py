@@ -50,7 +50,7 @@ def side_note(found: Look, seen: PierSide) -> str | None:
     if PierSide.UNKNOWN in (said, seen) or said is seen:
         return None
     return (
-        f"the mount says that the tube hangs {said} of the pier, the image's rotation "
+        f"the mount says that the tube is {said} of the pier, the image's rotation "
         f"({found.solution.rotation_deg:.1f}°) says {seen}: its limits on that side may be wrong; look at "
         "it, and set swap_sides of the mount if it is told the wrong way round"
     )
@@ -207,9 +207,9 @@ class Slewing:
             raise Cancelled("the slew was stopped", device=mount.name, advice="send it again when it is safe")
         if outcome is SlewOutcome.STALLED:
             raise TargetNotReached(
-                f"the mount came to rest {miss:.0f}″ from where it was sent",
+                f"the mount stopped {miss:.0f}″ from where it was sent",
                 device=mount.name,
-                advice="look at the mount before the next slew: is an axis blocked or a clutch open?",
+                advice="look at the mount before the next slew: is an axis blocked, or a clutch open?",
                 reason=NotReached.REST,
             )
         return report
@@ -222,7 +222,7 @@ class Slewing:
                 return await mount.slew(for_mount(aim, mount.epoch, clock.utc()))
             except WentAnotherWay as stopped:
                 facts = {"ra_deg": aim.ra_deg, "dec_deg": aim.dec_deg}
-                await self._equipment.note(EntryKind.DECISION, f"planned anew: {stopped.what}", facts)
+                await self._equipment.note(EntryKind.DECISION, f"planned again: {stopped.what}", facts)
         return await mount.slew(for_mount(aim, mount.epoch, clock.utc()))
 
     # -- before anything moves -----------------------------------------------------------------------

@@ -392,7 +392,10 @@ class GuardedSync:
             return False
         off_arcsec, widest_arcsec = found.offset.total_arcsec, off_at_most_arcsec(self._judge, found)
         facts: dict[str, object] = {**look_facts(found, self.learned.normal), "by_offset": True}
-        why = f"its position counts by sight: the tube looks {off_arcsec:.0f}″ from where it believes"
+        why = (
+            "its position is trusted because of a look, which saw the tube "
+            f"{off_arcsec:.0f}″ from where it believes"
+        )
         self._mount.trust_by_sight(widest_arcsec / 3600.0, why)
         self._offset_night = self._night()
         self.pointing.observed(self._judge.observation(found))
@@ -408,14 +411,14 @@ class GuardedSync:
         witness = self._confirming.for_look(found, self.policy, resolution)
         words = None
         if witness is None and look_again is None:
-            words = "nothing is known here yet that could judge it, and there is no second look that agrees"
+            words = "nothing is known yet to judge it by, and there is no second look that agrees"
         elif witness is None and look_again is not None:
             kill_point("sync transaction: to be confirmed")
             self._listen("confirming", {"look_id": found.look_id})
             try:
                 witness = await look_again()
             except (SkyError, BadFrame) as error:
-                words = f"nothing is known here yet, and no second look could be had: {error}"
+                words = f"nothing is known yet to judge it by, and no second look could be had: {error}"
             else:
                 no_good = self._judge.no_good(witness)
                 words = no_good[1] if no_good else disagreement(found, witness, self.policy, resolution)

@@ -234,7 +234,7 @@ def decide(found: Look, trigger: SyncTrigger, policy: SyncPolicy, context: SyncC
         vetoes |= policy_vetoes(found, policy, context)
         if not context.trusted:
             # one look must not make it count again
-            vetoes[SyncDoubt.NOT_EXPECTED] = "the mount's position doesn't count: it needs a recovery"
+            vetoes[SyncDoubt.NOT_EXPECTED] = "the mount's position is not trusted: it needs a recovery"
     return decided(without(vetoes, trigger.not_asked), found, context)
 
 

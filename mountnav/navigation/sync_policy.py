@@ -127,7 +127,7 @@ class SyncPolicy:
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise BadSettings(
-                    f"sync policy: {name} = {value} allows no sync", advice='say rule = "never" for that'
+                    f"sync policy: {name} = {value} allows no sync", advice='set rule = "never" for that'
                 )
 
 

@@ -53,11 +53,11 @@ _ADVICE: Mapping[SyncDoubt, str] = {
     SyncDoubt.MOVED: "wait until it is at rest",
     SyncDoubt.NOT_TRACKING: "let it track, then sync",
     SyncDoubt.TOO_FAR: f"{_LOOK}; or raise sync.told_max_arcsec",
-    SyncDoubt.NOT_EXPECTED: f"{_LOOK}: a frame is believed against words; is that the star it points at?",
+    SyncDoubt.NOT_EXPECTED: f"{_LOOK}: a frame is believed, not a statement; is that the star it points at?",
     SyncDoubt.TOO_LOW: "sync on a place that stands higher",
     SyncDoubt.NEAR_POLE: f"sync further from the pole; or {_LOOK}",
     SyncDoubt.TOLD_TOO_MUCH: f"{_LOOK}; or let it find its home; or, if you have seen that it points where "
-    "it says, let one who may configure say trust: from then on it is counted again",
+    "it says, let a user with the role configure say trust: from then on it is counted again",
     SyncDoubt.NEAR_MERIDIAN: "sync further east or west",
     SyncDoubt.TOO_MANY: f"{_LOOK}; why does the mount need so many? backlash, slip, flexure?",
 }
@@ -196,9 +196,7 @@ class CoordinateSyncs:
             try:
                 await undo(mount, claim.believed, sent, judge.policy, judge.clock)
             except BaseException as error:
-                mount.distrust(
-                    str(error) or "a sync that was contradicted was being taken back when it was cut"
-                )
+                mount.distrust(str(error) or "a contradicted sync was being undone when that was interrupted")
                 raise
             raise undone(words, mount.name, SyncDoubt.WRONG_SIDE)
         return sent
@@ -297,7 +295,7 @@ class CoordinateSyncs:
             # with an advice of its own: near to where it believes to be means nothing then, and after a sync
             # it would slew again
             return DeviceRefused(
-                "the sync refused: its position can't be trusted, and nobody has looked",
+                "the sync refused: its position can't be trusted, and there was no look",
                 device=mount.name,
                 advice="solve a frame and sync (recover), let it find its home, or say trust",
                 reason=Refusal.UNTRUSTED,

@@ -159,9 +159,9 @@ async def send_sync(
 def went_elsewhere(miss_arcsec: float, device: str) -> SyncElsewhere:
     """Tell what to raise for a sync that was taken for another place."""
     return SyncElsewhere(
-        f"it took the sync for another place: it believes to be {miss_arcsec:.0f}″ from what was synced",
+        f"it synced to another place: it believes that it is {miss_arcsec:.0f}″ from what was synced",
         device=device,
-        advice="its position doesn't count: solve a frame and sync (recover; a centering begins with that). "
+        advice="its position is not trusted: solve a frame and sync (recover; a centering begins with that). "
         "If it does that again, set sync.rule to never, trust it, and let offsets do",
     )
 
@@ -305,16 +305,16 @@ async def undo(
     except MountnavError as error:
         # also when it can't be written down, and so isn't sent
         raise UndoFailed(
-            f"a sync that was contradicted could not be taken back: {error}",
+            f"a contradicted sync could not be undone: {error}",
             device=mount.name,
-            advice="its position doesn't count: order a recovery before anything moves",
+            advice="its position is not trusted: order a recovery before anything moves",
         ) from error
     if not back.outcome.seen:
         raise UndoFailed(
-            f"a sync that was contradicted could not be taken back: the reading is {back.miss_arcsec:.0f}″ "
+            f"a contradicted sync could not be undone: the reading is {back.miss_arcsec:.0f}″ "
             "from what the mount believed before",
             device=mount.name,
-            advice="its position doesn't count: order a recovery before anything moves",
+            advice="its position is not trusted: order a recovery before anything moves",
         )
     return back
 
@@ -322,7 +322,7 @@ async def undo(
 def undone(words: str, device: str, doubt: SyncDoubt = SyncDoubt.NOT_EXPECTED) -> SyncUndone:
     """Tell what to raise after a sync was taken back."""
     return SyncUndone(
-        f"the sync was taken back: {words}",
+        f"the sync was undone: {words}",
         device=device,
         advice="the mount believes what it did before; correct by offset, and look at the journal",
         doubts=(doubt,),
@@ -471,7 +471,7 @@ class SyncTransaction:
         no_good = self.judge.no_good(again)
         if no_good is not None:
             self.progress.unverified = True
-            return again, (no_good[0], f"the verifying look is no good: {no_good[1]}")
+            return again, (no_good[0], f"the verifying look can't be used: {no_good[1]}")
         resolution_arcsec = self.judge.mount.resolution_arcsec
         words = contradiction(self.progress.found, again, sent, self.judge.policy, resolution_arcsec)
         return again, None if words is None else (SyncDoubt.NOT_EXPECTED, words)
@@ -488,9 +488,7 @@ class SyncTransaction:
             raise
         finally:
             if not task.done() or task.cancelled():
-                mount.distrust(
-                    "a sync that was contradicted was being taken back when the work was cancelled"
-                )
+                mount.distrust("a contradicted sync was being undone when the work was cancelled")
             elif (error := task.exception()) is not None:
                 self.progress.undone = False
                 mount.distrust(str(error))
@@ -498,7 +496,7 @@ class SyncTransaction:
                 self.progress.undone = True
                 self.progress.undone_miss_arcsec = task.result().miss_arcsec
                 if not was_trusted:
-                    mount.distrust("the sync that had made it count was taken back")
+                    mount.distrust("the sync that had made it trusted was undone")
                 self.listen("sync-undone", {"look_id": self.progress.found.look_id})
 
 
@@ -533,7 +531,8 @@ class TookElsewhere(SyncElsewhere):
         super().__init__(
             before.what,
             device=before.device,
-            advice="its position counts by what was seen; corrections go by offset until noon, or until its "
+            advice="its position is trusted because of what was seen; corrections go "
+            "by offset until noon, or until its "
             "link is made again",
         )
         self.look = look
@@ -549,10 +548,10 @@ def stays_lost(error: DeviceError, off_arcsec: float) -> DeviceError:
     off_arcsec : float
         How far off it was seen.
     """
-    what = f"{error.what}; it looks {off_arcsec / 3600.0:.1f}° from where it believes to point"
+    what = f"{error.what}; it looks {off_arcsec / 3600.0:.1f}° from where it believes it points"
     advice = (
         "a mount that takes no syncs can't be told where it points: align it at its own hand control, or "
-        "open its clutches and turn the tube by hand to where it believes to point; then say trust"
+        "open its clutches and turn the tube by hand to where it believes it points; then say trust"
     )
     if isinstance(error, DeviceRefused):
         return DeviceRefused(what, device=error.device, advice=advice, reason=error.reason)

@@ -75,7 +75,7 @@ class SyncDecision:
 def decided(doubts: Mapping[SyncDoubt, str], found: Look, context: SyncContext | None = None) -> SyncDecision:
     """Make a decision of vetoes and their words."""
     ordered = in_order(doubts)
-    why = "; ".join(ordered.values()) or f"{found.offset.total_arcsec:.0f}″ off; nothing stands against it"
+    why = "; ".join(ordered.values()) or f"{found.offset.total_arcsec:.0f}″ off; nothing speaks against it"
     return SyncDecision(tuple(ordered), why, ordered, context)
 
 

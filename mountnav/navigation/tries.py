@@ -187,7 +187,7 @@ DOUBTFUL_LOOKS = 2
 """So many looks in a row may be doubted, and taken again, before a centering ends. Chosen by hand. Doubled,
 clouds or a wrong scale cost two more exposures before that is said."""
 _ADVICE = (
-    "nothing was moved or synced by it; look again; if the mount is really that far off, as after it was set "
+    "it moved and synced nothing; look again; if the mount is really that far off, as after it was set "
     "up again, order first light"
 )
 STUCK_TRIES = 2
@@ -275,9 +275,9 @@ class StopRules:
         if self._doubted <= DOUBTFUL_LOOKS and not self.last:
             return None
         return SyncRefused(
-            f"frames of one place were solved {apart_arcsec:.0f}″ apart, {self._doubted} times",
+            f"frames of one field were solved {apart_arcsec:.0f}″ apart, {self._doubted} times",
             device=self._name,
-            advice="nothing was moved or synced by them; does the mount track, and does the tube hold still "
+            advice="they moved and synced nothing; does the mount track, and does the tube keep still "
             "(wind)? look again when it does",
             doubts=(SyncDoubt.ODDS,),
         )

@@ -89,10 +89,10 @@ ADVICE: Mapping[SyncDoubt, str] = {
     SyncDoubt.TOO_FAR: "check the mount's date, time zone, longitude and epoch; if it is really that "
     "far off, as after it was set up again, order first light",
     SyncDoubt.NOT_EXPECTED: "look again: two looks that agree are believed in a recovery; did a clutch slip?",
-    SyncDoubt.WRONG_SIDE: "compare the side of the pier that the mount tells with where the tube hangs: set "
+    SyncDoubt.WRONG_SIDE: "compare the side of the pier that the mount reports with where the tube is: set "
     "swap_sides of the mount if it is the other one; if it is right, order first light",
     SyncDoubt.TOO_LOW: "sync on a higher field",
-    SyncDoubt.NEAR_POLE: "sync on a field further from the pole: there a frame doesn't tell the hour angle",
+    SyncDoubt.NEAR_POLE: "sync on a field further from the pole: there a frame does not show the hour angle",
     SyncDoubt.TOLD_TOO_MUCH: "let it look (sync), let it find its home, or say trust",
     SyncDoubt.NEAR_MERIDIAN: "sync on a field further east or west",
     SyncDoubt.TOO_OLD: "look again",
@@ -232,7 +232,7 @@ def solution_vetoes(found: Look, policy: SyncPolicy) -> Vetoes:
     solution = found.solution
     if not solution.false_probability <= policy.max_false_probability:
         vetoes[SyncDoubt.ODDS] = (
-            f"a wrong place would look as good with a chance of {solution.false_probability:.1e} "
+            f"a wrong position would look as good with a probability of {solution.false_probability:.1e} "
             f"(allowed {policy.max_false_probability:.0e})"
         )
     if solution.pairs < policy.min_pairs:
@@ -288,8 +288,8 @@ def _too_far(claim: Claim, policy: SyncPolicy) -> str | None:
     if off_arcsec <= policy.told_max_arcsec:
         return None
     return (
-        f"told {off_arcsec / 3600.0:.2f}° from where it believes to point, more than the "
-        f"{policy.told_max_arcsec / 3600.0:.2f}° that words may move it"
+        f"stated {off_arcsec / 3600.0:.2f}° from where it believes it points, more than the "
+        f"{policy.told_max_arcsec / 3600.0:.2f}° that a sync on coordinates may move it"
     )
 
 
@@ -304,7 +304,8 @@ def _near_pole(claim: Claim, seen: HourAngle, policy: SyncPolicy, context: SyncC
     away_deg = 90.0 - abs(seen.dec_deg)
     if away_deg < policy.min_pole_deg:
         return (
-            f"{away_deg:.1f}° from the pole, which tells no hour angle ({policy.min_pole_deg:g}° are needed)"
+            f"{away_deg:.1f}° from the pole, too near to show the hour angle "
+            f"({policy.min_pole_deg:g}° are needed)"
         )
     if context.lost:
         return None

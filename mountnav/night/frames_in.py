@@ -167,7 +167,7 @@ class FramesIn:
         frame_id = digest[:ID_LENGTH]
         if frame_id in self._known:
             if frame_id not in self._answers:
-                told = "it was looked at before: the journal has it"
+                told = "it was processed before: the journal has it"
                 self.answer(FrameAnswer(frame_id, source, digest, arrived_utc, done=True, detail=told))
                 self._forget()
             return Receipt(frame_id, duplicate=True)

@@ -55,7 +55,7 @@ def night_of(date: str, site: Site) -> tuple[datetime, datetime]:
         day = datetime.strptime(date, "%Y-%m-%d").date()
     except ValueError as wrong:
         raise BadRequest(
-            f"{date!r} is no night", advice="the date of its evening, such as 2026-11-25"
+            f"{date!r} is not a night", advice="the date of its evening, such as 2026-11-25"
         ) from wrong
     noon = datetime.combine(day, time(12), tzinfo=UTC) - timedelta(hours=site.longitude_deg / 15.0)
     return noon, noon + timedelta(days=1)
@@ -386,7 +386,7 @@ def _advised(
             f"{_counted(report.open_commands, 'order')} without an outcome: the service ended meanwhile"
         )
     if report.runs > 1:
-        said.append(f"the service was started {report.runs} times: its log tells why")
+        said.append(f"the service was started {report.runs} times: its log says why")
     return replace(report, advice=tuple(said))
 
 

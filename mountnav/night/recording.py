@@ -271,7 +271,7 @@ def as_json(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         plain = {field.name: as_json(getattr(value, field.name)) for field in fields(value)}
         return {"is": type(value).__name__, **plain}
-    raise TypeError(f"{type(value).__name__} is no JSON value")
+    raise TypeError(f"{type(value).__name__} is not a JSON value")
 
 
 def _solution(solution: Solution) -> dict[str, Any]:
@@ -396,13 +396,13 @@ def read_recording(path: Path) -> Recording:
                 # a run of the service that was killed while it wrote
                 continue
             raise BadRequest(
-                f"line {number} is no line of a recording: {trouble}",
+                f"line {number} is not a line of a recording: {trouble}",
                 device=str(path),
                 advice="give a file that night.record has written",
             ) from trouble
     if not lines or lines[0].kind != "header":
         raise BadRequest(
-            "this is no recording of a night: it has no header",
+            "this is not a recording of a night: it has no header",
             device=str(path),
             advice="give a file that night.record has written",
         )
@@ -413,7 +413,8 @@ def read_recording(path: Path) -> Recording:
         raise BadRequest(
             f"line {other.number}: a recording of version {other.facts.get('version')}, not {VERSION}",
             device=str(path),
-            advice="what its decisions hang on is not all in it: only the mountnav that wrote it can play it",
+            advice="not everything that its decisions depend on is in it: only the "
+            "mountnav that wrote it can play it",
         )
     return Recording(path, lines[0].facts, tuple(_timed(lines)))
 

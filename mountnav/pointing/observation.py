@@ -205,7 +205,7 @@ def _mapping(value: object, name: str) -> Mapping[str, object]:
 
 def _number(value: object, name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise BadRequest(f"{name} = {value!r} is no number")
+        raise BadRequest(f"{name} = {value!r} is not a number")
     return float(value)
 
 
@@ -226,7 +226,7 @@ def _instant(value: object, name: str) -> datetime:
     try:
         utc = datetime.fromisoformat(str(value))
     except ValueError as cause:
-        raise BadRequest(f"{name} = {value!r} is no instant", advice="2026-11-21T22:00:00Z") from cause
+        raise BadRequest(f"{name} = {value!r} is not an instant", advice="2026-11-21T22:00:00Z") from cause
     if utc.utcoffset() is None:
         raise BadRequest(f"{name} = {value!r} doesn't say its time zone", advice="give UTC: ...Z")
     return utc.astimezone(UTC)
@@ -236,7 +236,7 @@ def _parity(value: object) -> int | None:
     if value is None:
         return None
     if value not in (1, -1) or isinstance(value, bool):
-        raise BadRequest(f"parity = {value!r}", advice="1 as the sky is seen, -1 mirrored")
+        raise BadRequest(f"parity = {value!r}", advice="1 not mirrored, -1 mirrored")
     return 1 if value == 1 else -1
 
 

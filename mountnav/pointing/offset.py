@@ -30,7 +30,7 @@ def too_far(offset: Offset, max_arcsec: float) -> str | None:
     if offset.total_arcsec <= max_arcsec:
         return None
     return (
-        f"solved {offset.total_arcsec / 60.0:.1f}′ from where the mount believes to be "
+        f"solved {offset.total_arcsec / 60.0:.1f}′ from where the mount believes it is "
         f"({offset.east_arcsec:+.0f}″ east, {offset.north_arcsec:+.0f}″ north); "
         f"more than {max_arcsec / 60.0:.1f}′ is not believed"
     )

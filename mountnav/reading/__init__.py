@@ -81,7 +81,7 @@ def read_frame(
         raise BadFrame(
             f"the file can't be read: {fault.strerror or fault}",
             device=label,
-            advice="check the path and the rights on it; pipes and devices are not read",
+            advice="check the path and the rights on it; pipes and devices are not supported",
         ) from fault
     return frame if raw else demosaiced(frame)
 
@@ -204,7 +204,9 @@ def _read(content: Content, label: str, hdu: int | str | None) -> Frame:
         return replace(frame, notes=(found.note,)) if found.note else frame
     if hdu not in (None, 0):
         raise BadFrame(
-            f"there is no extension {hdu}: this is no FITS file", device=label, advice="leave the choice out"
+            f"there is no extension {hdu}: this is not a FITS file",
+            device=label,
+            advice="leave the choice out",
         )
     if is_camera_raw(content):
         pixels, header = read_camera_raw(content, label)
@@ -220,7 +222,9 @@ def _frame(
     """Make the frame; `own` pixels belong to nobody else and may be changed."""
     if pixels.dtype.kind not in "uif":
         raise BadFrame(
-            f"pixels of the type {pixels.dtype} are no brightness", device=label, advice="send numbers"
+            f"pixels of the type {pixels.dtype} are not numbers",
+            device=label,
+            advice="send integer or float pixels",
         )
     plane = _one_plane(pixels, label)
     height, width = plane.shape

@@ -87,7 +87,7 @@ def read_camera_raw(content: Content, label: str) -> tuple[Pixels, dict[str, Val
         import rawpy
     except ImportError as missing:
         raise BadFrame(
-            "raw files of cameras are read by rawpy, which is not installed",
+            "camera raw files are read by rawpy, which is not installed",
             device=label,
             advice="pip install 'mountnav[raw]', or convert the file to FITS or TIFF",
         ) from missing
@@ -98,7 +98,7 @@ def read_camera_raw(content: Content, label: str) -> tuple[Pixels, dict[str, Val
                 raise BadFrame(
                     f"the image claims {raw.sizes.raw_width} × {raw.sizes.raw_height} pixels",
                     device=label,
-                    advice=f"more than {MOST_PIXELS} pixels are not read",
+                    advice=f"more than {MOST_PIXELS} pixels are not supported",
                 )
             if raw.raw_type != rawpy.RawType.Flat:
                 raise BadFrame(

@@ -366,5 +366,5 @@ def check_size(hdu: Hdu, label: str) -> None:
         raise BadFrame(
             f"the image claims {hdu.shape[-1]} × {hdu.shape[-2]} pixels in {planes} planes",
             device=label,
-            advice=f"more than {MOST_PIXELS} pixels are not read",
+            advice=f"more than {MOST_PIXELS} pixels are not supported",
         )

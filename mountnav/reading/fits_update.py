@@ -123,7 +123,7 @@ def updated_fits(
     plain, packed_by = _whole(content, name)
     if plain[:6] != b"SIMPLE":
         raise BadFrame(
-            "this is no FITS file, so there is no header to write into",
+            "this is not a FITS file, so there is no header to write into",
             device=name,
             advice="write a .wcs file or a new FITS file instead",
         )

@@ -67,7 +67,7 @@ def read_picture(content: bytes, label: str) -> Pixels:
         return _brightness(upper)
     except UnidentifiedImageError as fault:
         raise BadFrame(
-            "this is no image of a kind that can be read",
+            "this is not an image of a kind that can be read",
             device=label,
             advice="send FITS (also .fz, .gz), XISF, PNG, JPEG, TIFF, BMP or a camera's raw file",
         ) from fault
@@ -91,7 +91,7 @@ def read_picture(content: bytes, label: str) -> Pixels:
 
 
 def _too_large(what: str, label: str) -> BadFrame:
-    return BadFrame(what, device=label, advice=f"more than {MOST_PIXELS} pixels are not read")
+    return BadFrame(what, device=label, advice=f"more than {MOST_PIXELS} pixels are not supported")
 
 
 def _rawmode(picture: Image.Image) -> str:

@@ -229,19 +229,19 @@ def star_list_of(
 
 def _numbers(values: Sequence[float] | Array, label: str) -> Array:
     if not isinstance(values, list | tuple | np.ndarray):
-        raise BadFrame("x and y are no lists of numbers", device=label, advice="send one number a star")
+        raise BadFrame("x and y are not lists of numbers", device=label, advice="send one number a star")
     if len(values) > MOST_ROWS:
         raise BadFrame(f"a list of {len(values)} stars", device=label, advice="send the brightest stars")
     if isinstance(values, list | tuple) and not all(type(value) in (int, float) for value in values):
-        raise BadFrame("x and y are no lists of numbers", device=label, advice="send one number a star")
+        raise BadFrame("x and y are not lists of numbers", device=label, advice="send one number a star")
     try:
         column = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as fault:
         raise BadFrame(
-            f"x and y are no lists of numbers: {fault}", device=label, advice="send one number a star"
+            f"x and y are not lists of numbers: {fault}", device=label, advice="send one number a star"
         ) from fault
     if column.ndim != 1:
-        raise BadFrame("x and y are no plain lists", device=label, advice="send one number a star")
+        raise BadFrame("x and y are not plain lists", device=label, advice="send one number a star")
     return column
 
 
@@ -406,7 +406,7 @@ def _lines(content: bytes, label: str) -> Iterator[str]:
             if stripped := line.strip():
                 yield stripped
     except UnicodeDecodeError as fault:
-        raise BadFrame("this is no text", device=label, advice="send an image or a star list") from fault
+        raise BadFrame("this is not a text", device=label, advice="send an image or a star list") from fault
 
 
 def _words(line: str) -> list[str]:

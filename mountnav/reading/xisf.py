@@ -170,7 +170,7 @@ def _parsed(header: bytes) -> list[_Element]:
     try:
         parser.Parse(header, True)
     except expat.ExpatError as fault:
-        raise _Unfit(f"its header is no XML: {fault}") from fault
+        raise _Unfit(f"its header is not XML: {fault}") from fault
     except (ValueError, LookupError) as fault:  # an encoding that expat asks Python for
         if isinstance(fault, _Unfit):
             raise
@@ -203,7 +203,7 @@ def _geometry(attributes: Mapping[str, str]) -> tuple[int, int, int]:
     """Width, height and channels."""
     parts = attributes.get("geometry", "").split(":")
     if not all(part.isascii() and part.isdigit() and len(part) < 10 for part in parts) or len(parts) != 3:
-        raise _Unfit(f"an image of the geometry {attributes.get('geometry', '')[:40]!r} is no picture")
+        raise _Unfit(f"an image of the geometry {attributes.get('geometry', '')[:40]!r} is not a picture")
     width, height, channels = map(int, parts)
     if not width or not height or not channels:
         raise _Unfit("the image is empty")
@@ -215,10 +215,10 @@ def _geometry(attributes: Mapping[str, str]) -> tuple[int, int, int]:
 def _pixels(content: Content, attributes: Mapping[str, str], label: str) -> Pixels:
     width, height, channels = _geometry(attributes)
     if channels > _MOST_CHANNELS:
-        raise _Unfit(f"it has {channels} channels, and is no picture")
+        raise _Unfit(f"it has {channels} channels, and is not a picture")
     kind = _SAMPLES.get(attributes.get("sampleFormat", ""))
     if kind is None:
-        raise _Unfit(f"samples of the kind {attributes.get('sampleFormat', '')[:20]!r} are not read")
+        raise _Unfit(f"samples of the kind {attributes.get('sampleFormat', '')[:20]!r} are not supported")
     order = ">" if attributes.get("byteOrder", "little") == "big" else "<"
     sample = np.dtype(order + kind)
     count = width * height * channels
@@ -250,7 +250,7 @@ def _block(
     name, _, shuffled = codec.lower().partition("+")
     sizes = [_whole(word) for word in numbers]
     if name not in _CODECS or shuffled not in ("", "sh") or not sizes or (shuffled and len(sizes) < 2):
-        raise _Unfit(f"data packed by {attributes['compression'][:40]!r} are not read")
+        raise _Unfit(f"data packed by {attributes['compression'][:40]!r} are not supported")
     if sizes[0] != needed:
         raise _Unfit(f"its data unpack to {sizes[0]} bytes, and {needed} are needed")
     check_ratio(needed, length, label)
@@ -262,7 +262,7 @@ def _block(
 
 def _whole(word: str) -> int:
     if not (word.isascii() and word.isdigit() and len(word) < 19):
-        raise _Unfit(f"{word[:20]!r} is no size")
+        raise _Unfit(f"{word[:20]!r} is not a size")
     return int(word)
 
 

@@ -59,7 +59,7 @@ def series_report(
         missing = len(placed) - len(timed)
         reason = _no_drift(max(len(segment.frames) for segment in segments))
         if missing:
-            reason += f"; {missing} frames don't tell when they were taken"
+            reason += f"; {missing} frames don't say when they were taken"
     return SeriesReport(frames, tuple(segments), whole, reason, persistent, anchor)
 
 

@@ -49,7 +49,7 @@ class DemoSettings(Section):
             instant = None
         if not isinstance(instant, datetime) or instant.utcoffset() is None:
             raise PydanticCustomError(
-                "demo_no_instant", "{at} is no instant with its time zone", {"at": str(at), "fix": fix}
+                "demo_no_instant", "{at} is not an instant with its time zone", {"at": str(at), "fix": fix}
             )
         if not _FIRST <= instant <= _LAST:
             raise PydanticCustomError(

@@ -46,6 +46,6 @@ class EphemeridesSettings(Section):
                 Kernel(path)
             except BadRequest as wrong:
                 raise BadSettings(
-                    wrong.what, device="ephemerides.files", advice=wrong.advice or "put its path right"
+                    wrong.what, device="ephemerides.files", advice=wrong.advice or "correct its path"
                 ) from wrong
         return use_imports(self.folder, self.files)

@@ -162,7 +162,7 @@ class LimitSettings(Section):
             if pair is not None and pair[0] >= pair[1]:
                 raise PydanticCustomError(
                     "no_range",
-                    "{key} = {low} to {high} leaves nothing between",
+                    "{key} = {low} to {high} leaves no range",
                     {"low": pair[0], "high": pair[1], "key": key, "fix": "write the lower one first"},
                 )
         return self
@@ -179,7 +179,7 @@ class LimitSettings(Section):
             if not (-360.0 <= az_deg <= 360.0 and -90.0 <= alt_deg <= 90.0):
                 raise PydanticCustomError(
                     "no_horizon_point",
-                    "azimuth {az}, altitude {alt} is no point of a horizon",
+                    "azimuth {az}, altitude {alt} is not a point of a horizon",
                     {"az": az_deg, "alt": alt_deg, "key": "horizon_deg", "fix": "azimuth 0 to 360 first"},
                 )
         if self.horizon_deg is not None and len(self.horizon_deg) < 2:

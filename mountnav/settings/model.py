@@ -100,7 +100,7 @@ class ModelSettings(Section):
             raise BadSettings(
                 f"{self.file} is an {model.kind} model, the mount is {wanted}",
                 device="model.file",
-                advice="choose another file, or put mount.mounting (or model.kind) right",
+                advice="choose another file, or correct mount.mounting (or model.kind)",
             )
         return ModelInForce(
             model,

@@ -152,20 +152,20 @@ class Settings(Section):
             if wanted is not None and wanted not in ids:
                 raise PydanticCustomError(
                     "no_such_telescope",
-                    "{name}.telescope = {wanted} is none of the telescopes",
+                    "{name}.telescope = {wanted} is not one of the telescopes",
                     {
                         "name": name,
                         "wanted": repr(wanted),
                         "key": "telescope",
-                        "fix": "name one that is there",
+                        "fix": "name an existing one",
                     },
                 )
         for wanted in self.indi_server.telescopes:
             if wanted not in ids:
                 raise PydanticCustomError(
                     "no_such_telescope",
-                    "indi_server.telescopes names {wanted}, which is none of the telescopes",
-                    {"wanted": repr(wanted), "key": "telescopes", "fix": "name those that are there"},
+                    "indi_server.telescopes names {wanted}, which is not one of the telescopes",
+                    {"wanted": repr(wanted), "key": "telescopes", "fix": "name existing ones"},
                 )
         return self
 

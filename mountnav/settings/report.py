@@ -27,7 +27,7 @@ def _template(text: str) -> str:
     except (ValueError, RecursionError) as wrong:
         raise PydanticCustomError(
             "no_template",
-            "the template is no JSON: {why}",
+            "the template is not JSON: {why}",
             {"why": str(wrong), "fix": 'such as {"text": "${title}: ${summary}"}'},
         ) from wrong
     return text
@@ -64,7 +64,7 @@ class WebhookSettings(Section):
             if not _NAME.fullmatch(name) or name.lower() in _OURS or not _VALUE.fullmatch(value):
                 raise PydanticCustomError(
                     "no_header",
-                    "{name} is no header that can be sent",
+                    "{name} is not a header that can be sent",
                     {
                         "name": repr(name[:100]),
                         "fix": "a name and a line of ASCII; none of the connection",

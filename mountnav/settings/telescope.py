@@ -67,7 +67,7 @@ class MountSettings(Section):
             path = url if url.startswith("/") else "/dev/ttyUSB0"
             raise PydanticCustomError(
                 "no_url",
-                "{url} is no URL of a mount",
+                "{url} is not a URL of a mount",
                 {"url": url, "fix": f'write url = "lx200+serial://{path}" or "lx200+tcp://host:port"'},
             )
         return url

@@ -170,22 +170,24 @@ def _check(name: str, value: object) -> None:
             _check_pair(name, value)
     elif name == "boot_utc":
         if value is not None and not isinstance(value, datetime):
-            raise BadSettings(f"{name} = {value!r} is no instant", advice="for example 2000-01-01T00:00:00Z")
+            raise BadSettings(
+                f"{name} = {value!r} is not an instant", advice="for example 2000-01-01T00:00:00Z"
+            )
     elif name in _NUMBERS or name in _OPTIONAL:
         if value is None and name in _OPTIONAL:
             return
         if not isinstance(value, int | float) or not _is_number(value):
-            raise BadSettings(f"{name} = {value!r} is no number")
+            raise BadSettings(f"{name} = {value!r} is not a number")
         if name in _POSITIVE and value <= 0:
             raise BadSettings(f"{name} = {value} can't move a mount", advice="> 0")
         if name == "encoder_arcsec" and value < 0:
-            raise BadSettings(f"{name} = {value} is no step", advice=">= 0")
+            raise BadSettings(f"{name} = {value} is not a step", advice=">= 0")
     elif not isinstance(value, bool):
         raise BadSettings(f"{name} = {value!r}", advice="true or false")
 
 
 def _check_pair(name: str, value: object) -> None:
     if not isinstance(value, tuple) or len(value) != 2 or not all(_is_number(one) for one in value):
-        raise BadSettings(f"{name} = {value!r} is no pair of angles", advice="two numbers, deg")
+        raise BadSettings(f"{name} = {value!r} is not a pair of angles", advice="two numbers, deg")
     if name in ("ha_limits_deg", "dec_limits_deg") and value[0] >= value[1]:
         raise BadSettings(f"{name} = {value} leaves no room", advice="low, high")

@@ -92,7 +92,7 @@ class MachineFile:
         _check_names("table", tables, known)
         for name, table in tables.items():
             if not isinstance(table, dict):
-                raise BadSettings(f"{name} is no table", advice=f"write [{name}]")
+                raise BadSettings(f"{name} is not a table", advice=f"write [{name}]")
         build = {
             key: tuple(value) if isinstance(value, list) else value
             for key, value in tables.get("machine", {}).items()
@@ -109,7 +109,7 @@ class MachineFile:
         if start_utc is not None and not (
             isinstance(start_utc, datetime) and start_utc.utcoffset() is not None
         ):
-            raise BadSettings(f"[clock] start_utc = {start_utc} is no UTC", advice="2026-11-21T20:00:00Z")
+            raise BadSettings(f"[clock] start_utc = {start_utc} is not UTC", advice="2026-11-21T20:00:00Z")
         speed = _number("clock", "speed", clock.get("speed", 1.0))
         if speed <= 0.0:
             raise BadSettings(f"[clock] speed = {speed}", advice="> 0")
@@ -145,7 +145,7 @@ class MachineFile:
         """
         stands = self.site or site
         if stands is None:
-            raise BadSettings("the mount stands nowhere", advice="add [site] latitude_deg, longitude_deg")
+            raise BadSettings("the mount has no site", advice="add [site] latitude_deg, longitude_deg")
         return Mechanics(stands, self.air, self.errors, machine=self.machine, clock=clock)
 
 
@@ -162,7 +162,7 @@ def _made(kind: type[T], table: str, values: dict[str, Any]) -> T:
 
 def _number(table: str, name: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise BadSettings(f"[{table}] {name} = {value!r} is no number")
+        raise BadSettings(f"[{table}] {name} = {value!r} is not a number")
     return float(value)
 
 
@@ -184,5 +184,7 @@ def _site(values: dict[str, Any]) -> Site:
 def _air(values: dict[str, Any]) -> Air:
     air = Air(**_numbers("air", Air, values))
     if air.pressure_hpa < 0.0 or not 0.0 <= air.relative_humidity <= 1.0 or air.wavelength_um <= 0.0:
-        raise BadSettings("[air] is no air", advice="pressure_hpa >= 0, relative_humidity 0 to 1")
+        raise BadSettings(
+            "the values of [air] are impossible", advice="pressure_hpa >= 0, relative_humidity 0 to 1"
+        )
     return air

@@ -154,7 +154,7 @@ class MechanicsStations(MechanicsMotors):
     @staticmethod
     def _check_rates(*rates: float) -> None:
         if not all(math.isfinite(rate) for rate in rates):
-            raise BadSettings(f"{rates} are no rates to track at", advice="finite numbers")
+            raise BadSettings(f"{rates} are not rates to track at", advice="finite numbers")
 
     def _still(self, order: Order, name: AxisName) -> None:
         """Heed a stop on one axis, unless it does nothing to be stopped."""

@@ -74,7 +74,7 @@ class SimulatedOptics:
         for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, float) and not math.isfinite(value):
-                raise BadSettings(f"simulated optics: {field.name} = {value} is no number")
+                raise BadSettings(f"simulated optics: {field.name} = {value} is not a number")
         for name in (
             "width_px", "height_px", "scale_arcsec_px", "fwhm_px", "pixel_um", "gain_e_adu"
         ):  # fmt: skip

@@ -58,14 +58,14 @@ class PointingErrors:
             value = getattr(self, field.name)
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 raise BadSettings(
-                    f"pointing error {field.name} = {value!r} is no number", advice=f"allowed: {allowed()}"
+                    f"pointing error {field.name} = {value!r} is not a number", advice=f"allowed: {allowed()}"
                 )
         for name in ("backlash_arcsec", "periodic_amplitude_arcsec"):
             if getattr(self, name) < 0:
                 raise BadSettings(f"pointing error {name} = {getattr(self, name)} is negative", advice=">= 0")
         if self.periodic_period_s <= 0:
             raise BadSettings(
-                f"pointing error periodic_period_s = {self.periodic_period_s} is no period", advice="> 0"
+                f"pointing error periodic_period_s = {self.periodic_period_s} is not a period", advice="> 0"
             )
 
     @classmethod

@@ -72,7 +72,7 @@ class FastClock:
     def on(self, seconds: float) -> datetime:
         """Put it on by some seconds (>= 0), and tell its new time."""
         if not (math.isfinite(seconds) and seconds >= 0.0):
-            raise BadSettings(f"a clock can't be put on by {seconds} s", advice=">= 0")
+            raise BadSettings(f"a clock can't be advanced by {seconds} s", advice=">= 0")
         with self._lock:
             self._since_s += seconds
         return self()
@@ -87,5 +87,5 @@ class FastClock:
 
 def _pace(speed: float) -> float:
     if not (math.isfinite(speed) and speed >= 0.0):
-        raise BadSettings(f"speed = {speed} is no pace of a clock", advice=">= 0")
+        raise BadSettings(f"speed = {speed} is not a valid speed", advice=">= 0")
     return speed

@@ -62,7 +62,7 @@ class SatelliteTrail:
     def __post_init__(self) -> None:
         values = (self.x0_px, self.y0_px, self.x1_px, self.y1_px, self.adu_per_px, self.fwhm_px)
         if not all(math.isfinite(value) for value in values):
-            raise BadSettings("a satellite trail has a value that is no number")
+            raise BadSettings("a satellite trail has a value that is not a number")
         if self.fwhm_px <= 0 or self.adu_per_px < 0:
             raise BadSettings("a satellite trail needs a width above 0 and no negative light")
         if self.x0_px == self.x1_px and self.y0_px == self.y1_px:
@@ -154,7 +154,7 @@ def instants_during(
         apart = [_beside(path(a), path(b), beside(a), beside(b)) for a, b in itertools.pairwise(ends)]
     length_px = sum(apart) / scale_arcsec_px
     if not math.isfinite(length_px):
-        raise BadSettings("the motion during the exposure is no number")
+        raise BadSettings("the motion during the exposure is not a number")
     if length_px < _STILL_PX:
         return [mid_utc]
     parts = min(_MOST_PARTS, max(2, math.ceil(_STEPS_PER_SIGMA * length_px / sigma_px)))
@@ -195,7 +195,7 @@ def centers_during(
     east, north = drift_arcsec_s[0] * exposure_s, drift_arcsec_s[1] * exposure_s
     length_px = math.hypot(east, north) / scale_arcsec_px
     if not math.isfinite(length_px):
-        raise BadSettings("the drift during the exposure is no number")
+        raise BadSettings("the drift during the exposure is not a number")
     parts = math.ceil(_STEPS_PER_SIGMA * length_px / sigma_px)
     if parts <= 1:
         return [center]

@@ -305,6 +305,6 @@ def hour_angle_to_apparent(place: GeometricHourAngle, site: Site) -> Apparent:
         The place's instant is naive or outside 1972 to 2099.
     """
     if not isinstance(place, GeometricHourAngle):
-        raise TypeError(f"{type(place).__name__} is no GeometricHourAngle: use hour_angle_to_icrs")
+        raise TypeError(f"{type(place).__name__} is not a GeometricHourAngle: use hour_angle_to_icrs")
     ra_deg = turn_deg(sidereal_time_deg(place.utc, site) - place.ha_deg)
     return Apparent(ra_deg, place.dec_deg, place.utc)

@@ -276,7 +276,7 @@ def iers_status(utc: datetime | None = None) -> IersStatus:
         )
     elif leap.expire_utc is not None and instant > leap.expire_utc:
         warning = (
-            f"the list of leap seconds was promised until {leap.expire_utc:%Y-%m-%d} only: "
+            f"the list of leap seconds is valid until {leap.expire_utc:%Y-%m-%d} only: "
             "update the package astropy-iers-data"
         )
     return IersStatus(

@@ -170,8 +170,8 @@ class Kernel:
             raise BadRequest(f"{path.name} can't be read: {refused.strerror or refused}") from refused
         except Exception as wrong:  # jplephem raises what its arithmetic happens to raise
             raise BadRequest(
-                f"{path.name} is no SPK file ({wrong or type(wrong).__name__})",
-                advice="JPL's ephemerides end in .bsp; text and .tsp files aren't read",
+                f"{path.name} is not an SPK file ({wrong or type(wrong).__name__})",
+                advice="JPL's ephemerides end in .bsp; text and .tsp files are not supported",
             ) from wrong
 
     def _take(self, spk: Any, size: int) -> None:

@@ -90,7 +90,7 @@ def vector_to_body_km(name: str, utc: datetime, site: Site) -> Any:
         return seen_from(lambda jd1, jd2: _of_moon(name, jd1, jd2), utc, site)[0]
     if name not in _FORMULA_SIGMA_ARCSEC:
         raise BadRequest(
-            f"no ephemeris here has {name.capitalize()} at {utc:%Y-%m-%d}",
+            f"no ephemeris on this machine has {name.capitalize()} at {utc:%Y-%m-%d}",
             advice="import one that has: mountnav ephemeris import FILE.bsp",
         )
     _, earth = erfa.epv00(now.jd1, now.tdb2)
@@ -108,7 +108,7 @@ def sigma_of_body_arcsec(name: str, utc: datetime) -> float:
     if name in MOONS and _has_jupiter(now.jd1 + now.tdb2):
         return SIGMA_ARCSEC[name]
     if name not in _FORMULA_SIGMA_ARCSEC:
-        raise BadRequest(f"no ephemeris here has {name.capitalize()} at {utc:%Y-%m-%d}")
+        raise BadRequest(f"no ephemeris on this machine has {name.capitalize()} at {utc:%Y-%m-%d}")
     return _FORMULA_SIGMA_ARCSEC[name]
 
 

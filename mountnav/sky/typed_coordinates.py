@@ -113,7 +113,7 @@ def read_position(text: str) -> TypedPosition:
     """
     read = read_target(text)
     if isinstance(read, TypedName):
-        raise _refused(f'"{read.name}" is no position.')
+        raise _refused(f'"{read.name}" is not a position.')
     return read
 
 

@@ -118,7 +118,7 @@ def identify_with_catalogs(
             damaged.add(choice.catalog)
             if len(damaged) == len(choices):
                 raise
-            _log.warning("the catalog %s is passed over: %s", choice.catalog.name, fault)
+            _log.warning("the catalog %s is skipped: %s", choice.catalog.name, fault)
             continue
         if found.reference is not None:
             return found
@@ -196,7 +196,7 @@ def with_best_catalog(
                     found, measurements, star_like(measurements), there.catalog, epoch_yr, settings
                 )
             except BadCatalog as fault:
-                _log.warning("the catalog %s is passed over: %s", there.catalog.name, fault)
+                _log.warning("the catalog %s is skipped: %s", there.catalog.name, fault)
         used = there if found.stars is not None and there.catalog.name == found.stars.source else used
     found, used = _as_ordered(catalog, found, used, measurements, field, settings, epoch_yr)
     if found.reference is None:

@@ -43,7 +43,7 @@ def test_all_that_are_sound_are_used_and_like_names_are_made_different(
 ) -> None:
     with caplog.at_level(logging.WARNING):
         assert names(CatalogChoice(folder)) == ["Deep (north)", "Deep (south)", "Tycho-2"]
-    assert "damaged is passed over" in caplog.text
+    assert "damaged is skipped" in caplog.text
 
 
 def test_what_is_named_is_used_alone(folder: Path) -> None:

@@ -72,7 +72,7 @@ def test_a_deaf_start_ends_in_the_right_dialect_with_all_skills(kind: Family, ru
         assert rig.mount.report is not None
         assert rig.mount.report.identity == well.mount.report.identity, for_s
         assert rig.mount.skills == well.mount.skills, for_s
-        assert rig.line.opened == 1, "opened again, it would start anew again"
+        assert rig.line.opened == 1, "opened again, it would restart again"
         if for_s > 2.0:
             # what makes it deaf may have made it forget
             assert not rig.mount.trusted, for_s
@@ -149,7 +149,7 @@ async def test_over_a_real_socket_with_an_option() -> None:
 
 @pytest.mark.parametrize(
     ("ra_deg", "below_deg", "why"),
-    [(0.0, None, "knows nothing"), (None, 25.0, "below the horizon")],
+    [(0.0, None, "was never set"), (None, 25.0, "below the horizon")],
 )
 async def test_an_implausible_place_does_not_count(
     ra_deg: float | None, below_deg: float | None, why: str

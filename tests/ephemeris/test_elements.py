@@ -217,7 +217,9 @@ def test_what_is_too_uncertain_is_refused_with_numbers() -> None:
 
 def test_elements_without_planets_or_too_far_away_are_refused() -> None:
     old = OrbitElements("old", 2455000.5, 1.0, 0.1, 1.0, 2.0, 3.0, 2455000.5)
-    with pytest.raises(BadRequest, match=r"elements of old are of 2009-06-18: no ephemeris here is"):
+    with pytest.raises(
+        BadRequest, match=r"elements of old are of 2009-06-18: no ephemeris on this machine covers that date"
+    ):
         SmallBody(old)
     body = SmallBody(read_elements(CERES_2025)[0])
     with pytest.raises(BadRequest, match=r"16\.\d years away; 15 are the most"):
@@ -296,7 +298,7 @@ def test_the_place_of_two_body_motion_is_right_at_the_epoch() -> None:
     elements = read_elements(CERES_2023)[0]
     assert SmallBody(elements).icrs(datetime(2023, 2, 25, tzinfo=UTC), SITE) != Icrs(0.0, 0.0)
     assert by_mean_anomaly(2.0, 0.5, 0.0, 2460000.5) == (1.0, 2460000.5)
-    with pytest.raises(BadRequest, match="no ellipse"):
+    with pytest.raises(BadRequest, match="not an ellipse"):
         by_mean_anomaly(2.0, 1.5, 0.0, 2460000.5)
 
 

@@ -164,7 +164,7 @@ def test_a_damaged_gzip_and_a_missing_file_are_told(folder: Path, tmp_path: Path
         import_file(cut, folder)
     with pytest.raises(BadRequest, match=r"none\.dat can't be imported"):
         import_file(tmp_path / "none.dat", folder)
-    with pytest.raises(BadRequest, match="no name of an import"):
+    with pytest.raises(BadRequest, match="not a name of an import"):
         import_file(cut, folder, "../../etc")
 
 

@@ -67,7 +67,7 @@ def test_without_a_distance_it_serves_where_it_was_made_for() -> None:
     assert separation_arcsec(table.icrs(utc, SITE), MOON.icrs(utc, SITE)) < 0.05
     for other in (Site(40.1, -105.0, 1600.0), GEOCENTER):
         with pytest.raises(
-            BadRequest, match=r"tells no distance: from here a body 1 au away stands .*″ elsewhere"
+            BadRequest, match=r"gives no distance: from here a body 1 au away stands .*″ elsewhere"
         ):
             table.icrs(utc, other)
     of_center = moon_table("geocenter", 10, 30, distance=False)
@@ -213,9 +213,9 @@ def test_horizons_in_all_its_forms(
         ("R.A._(ICRF)", "R.A._(r-app)", "no column with astrometric"),
         ("Date__(UT)", "Date__(ZN)", "scale or zone"),
         ("$$EOE", "", "cut off"),
-        ("$$SOE", "$$SOX", "no ephemeris table|no table"),
-        ("2026-Mar-01", "2026-Mxr-01", "no time"),
-        ("2026-Mar-01", "2026-Mar-41", "no time"),
+        ("$$SOE", "$$SOX", "not an ephemeris table|no table"),
+        ("2026-Mar-01", "2026-Mxr-01", "not a time"),
+        ("2026-Mar-01", "2026-Mar-41", "not a time"),
         ("GEOCENTRIC", "Somewhere", None),
         ("R.A._(ICRF), DEC_(ICRF)", "R.A._(ICRF), other", "no declination"),
     ],
@@ -313,7 +313,7 @@ def test_a_plain_table() -> None:
         ("distance_au", "utc", "twice"),
         ("ra_deg", "ra_hms", "no right ascension"),
         ("utc,ra_deg", "ra_deg,ra_hms", "one of utc"),
-        ("2026-03-01T02:00:00+00:00", "yesterday", "no time"),
+        ("2026-03-01T02:00:00+00:00", "yesterday", "not a time"),
         ("2026-03-01T02:00:00+00:00", "2026-03-01T09:00:00+00:00", "no later"),
         (",0.", ",-0.", "distance"),
     ],

@@ -138,7 +138,7 @@ def test_what_is_no_whole_backup_changes_nothing(file: Path, tmp_path: Path) -> 
     other = tmp_path / "other.sqlite"
     with sqlite3.connect(other) as connection:
         connection.execute("CREATE TABLE planets (name TEXT)")
-    with pytest.raises(BadSettings, match="no journal of mountnav"):
+    with pytest.raises(BadSettings, match="not a journal of mountnav"):
         restore(other, file, NOW)
     with sqlite3.connect(backup) as connection:
         connection.execute("UPDATE alembic_version SET version_num = '9999'")

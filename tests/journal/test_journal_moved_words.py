@@ -23,10 +23,10 @@ from mountnav.journal.restart import named
         (
             "offset-rates",
             {"ra_arcsec_s": 0.031, "dec_arcsec_s": -0.012},
-            "rates of +0.031″/s in RA and -0.012″/s in Dec beside the stars'",
+            "offset rates of +0.031″/s in RA and -0.012″/s in Dec",
         ),
-        ("offset-rates", {"ra_arcsec_s": 0.0, "dec_arcsec_s": 0.0}, "an end of the rates beside the stars'"),
-        ("offset-rates", {"ra_arcsec_s": "nan"}, "an offset-rates"),
+        ("offset-rates", {"ra_arcsec_s": 0.0, "dec_arcsec_s": 0.0}, "an end of the offset rates"),
+        ("offset-rates", {"ra_arcsec_s": "nan"}, "an order of offset rates"),
     ],
 )
 def test_they_are_told_with_their_numbers(order: Order, facts: dict[str, object], words: str) -> None:

@@ -242,5 +242,5 @@ async def test_rates_in_flight_are_told_as_ended_by_this_start(killed: SqlJourna
     await killed.begin(beside_stars(1.0))
     restart = await take_up(after, after.reader, "east", standing())
     assert restart.notice is not None
-    assert "rates of +1″/s in RA and +0″/s in Dec beside the stars'" in restart.notice
+    assert "offset rates of +1″/s in RA and +0″/s in Dec" in restart.notice
     assert "this start has ended it" in restart.notice

@@ -306,7 +306,7 @@ def test_places_that_cannot_be_opened(tmp_path: Path) -> None:
     with pytest.raises(JournalFailed):
         open_journal(tmp_path / "file" / "journal.sqlite")
     damaged = tmp_path / "damaged.sqlite"
-    damaged.write_bytes(b"this is no database at all, but long enough to be taken for one" * 99)
+    damaged.write_bytes(b"this is not a database at all, but long enough to be taken for one" * 99)
     with pytest.raises(JournalFailed, match="damaged"):
         open_journal(damaged)
     with pytest.raises(NotFound, match="no journal"):

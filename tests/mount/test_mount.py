@@ -169,7 +169,7 @@ def test_by_day_nothing_but_parking() -> None:
 
 def test_no_sync_on_a_place_below_the_ground() -> None:
     async def work(rig: Rig) -> None:
-        with pytest.raises(OutsideLimits, match="nothing can point there"):
+        with pytest.raises(OutsideLimits, match="no telescope can point there"):
             await rig.mount.sync(rig.place(170.0, -10.0))
 
     assert run(work).driver.received == []

@@ -156,8 +156,8 @@ def test_a_clock_that_is_set_back_does_not_prolong_them() -> None:
 @pytest.mark.parametrize(
     ("rates", "for_s", "error"),
     [
-        (OffsetRates(math.nan, 0.0), 60.0, "are no rates"),
-        (OffsetRates(0.0, math.inf), 60.0, "are no rates"),
+        (OffsetRates(math.nan, 0.0), 60.0, "are not rates"),
+        (OffsetRates(0.0, math.inf), 60.0, "are not rates"),
         (COMET, 0.0, "would end"),
         (COMET, -5.0, "would end"),
         (COMET, 43_300.0, "at most 43200 s"),

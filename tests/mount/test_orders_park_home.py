@@ -43,7 +43,7 @@ def test_what_comes_to_rest_on_the_way_has_failed(send: Send) -> None:
         sending = asyncio.ensure_future(send(rig))
         await rig.clock.sleep(3.0)
         rig.mechanics.stick("ha")
-        with pytest.raises(TargetNotReached, match="came to rest on its way to its") as failed:
+        with pytest.raises(TargetNotReached, match="stopped on its way to its") as failed:
             await sending
         assert failed.value.reason is NotReached.REST
         assert failed.value.device == rig.navigator.mount.name

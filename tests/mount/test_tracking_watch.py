@@ -144,7 +144,7 @@ def test_a_park_out_of_the_suns_way_that_stalls_is_told_and_not_forced() -> None
     machine = Machine(slew_rate_deg_s=1.0)
     rig = run(work, limits=Limits(2.0, sun_cone_deg=35.0), utc=dawn, machine=machine)
     (failed,) = [facts for what, facts in rig.told if what == "limit-stop-failed"]
-    assert "came to rest on its way to its park position" in str(failed["error"])
+    assert "stopped on its way to its park position" in str(failed["error"])
     assert not [what for what, _ in rig.told if what == "limit-stop"]
     assert rig.outcomes() == [("slew", Outcome.DONE), ("park", Outcome.STALLED)]
 
@@ -262,7 +262,7 @@ def test_a_mount_that_can_not_be_stopped_is_told_of_once_a_minute(monkeypatch: p
     rig = run(work, limits=Limits(20.0))
     failed = [facts for what, facts in rig.told if what == "limit-stop-failed"]
     assert 1 <= len(failed) <= 31
-    assert "can neither rest nor park" in str(failed[0]["error"])
+    assert "can neither stand still nor park" in str(failed[0]["error"])
 
 
 @pytest.mark.long
@@ -280,7 +280,7 @@ def test_a_mount_that_stays_where_it_should_have_changed_sides_is_stopped_in_tim
         while not slewing.done():
             await rig.clock.sleep(0.1)
             highest.append(rig.mechanics.axis_angle("ha"))
-        with pytest.raises(OutsideLimits, match="went another way than expected"):
+        with pytest.raises(OutsideLimits, match="took another path than expected"):
             await slewing
 
     machine = Machine(

@@ -79,7 +79,7 @@ def test_what_was_learned_aims_the_first_slew() -> None:
 def test_a_slew_to_a_point_that_nobody_has_seen_yet_moves_nothing() -> None:
     async def work(rig: VirtualRig) -> None:
         before = rig.mechanics.truth()
-        with pytest.raises(BadRequest, match="nobody knows yet where slit"):
+        with pytest.raises(BadRequest, match="it is not known yet where slit"):
             await rig.navigator.slew(rig.up(20.0, 30.0), at="slit")
         assert separation_arcsec(rig.mechanics.truth(), before) < 5.0
         assert rig.navigator.activity == "idle"
@@ -224,7 +224,7 @@ def test_a_moving_target_is_not_followed_on_a_point_that_nobody_knows() -> None:
     async def work(rig: VirtualRig) -> None:
         begins = rig.clock.utc()
         target = SkyRatesTarget(rig.up(25.0, 30.0), 0.4, -0.3, begins, begins + timedelta(hours=2), "a mover")
-        with pytest.raises(BadRequest, match="nobody knows yet"):
+        with pytest.raises(BadRequest, match="it is not known yet"):
             await rig.navigator.follow(target, until_utc=begins + timedelta(minutes=20), at="slit")
         assert not rig.told("slewing")
 

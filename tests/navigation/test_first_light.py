@@ -57,7 +57,7 @@ def test_a_mount_in_the_wrong_posture_is_found_out_by_a_small_move() -> None:
         await rig.navigator.slew(rig.up(-30.0, 40.0))
         # somebody has put the tube over by hand: it looks at the same place, on the other side of the pier
         turned_over(rig)
-        with pytest.raises(SyncRefused, match="backwards") as refusal:
+        with pytest.raises(SyncRefused, match="in the opposite direction") as refusal:
             await rig.navigator.first_light()
         assert SyncDoubt.WRONG_SIDE in refusal.value.doubts
         assert "sync" not in rig.mount.received

@@ -71,7 +71,7 @@ def test_the_camera_program_says_when_the_next_one_may_begin() -> None:
             rig.navigator.mosaic(panels, wait=MosaicWait("next", signals=3), heard=heard)
         )
         await asyncio.sleep(1.0)
-        with pytest.raises(BadRequest, match="no panel waits"):
+        with pytest.raises(BadRequest, match="no panel is waiting"):
             rig.navigator.next_panel()
         for panel in panels:
             await centered.wait()

@@ -89,7 +89,7 @@ def test_legs_lead_there_and_each_is_less_than_half_a_turn(from_deg: float, to_d
     [
         ({"least_deg": 10.0, "most_deg": 10.0}, "cable limits"),
         ({"least_deg": -200.0, "most_deg": 200.0}, "a turn apart"),
-        ({"least_deg": math.nan}, "no angles"),
+        ({"least_deg": math.nan}, "not angles"),
         ({"sense": 2}, "sense"),
         ({"tolerance_deg": 0.0}, "tolerance_deg"),
     ],
@@ -196,7 +196,7 @@ def test_beyond_the_limits_nothing_is_sent() -> None:
 
 def test_one_that_stands_beyond_its_limits_is_not_turned() -> None:
     async def work(rig: Rig) -> None:
-        with pytest.raises(DeviceRefused, match="nobody knows how its cables lie"):
+        with pytest.raises(DeviceRefused, match="how its cables lie is not known"):
             await rig.held.turn_to(50.0)
         assert rig.mechanics.orders == []
 

@@ -617,7 +617,7 @@ def test_a_contradicted_sync_is_taken_back(dialect: str, place: tuple[float, flo
         await rig.slew(rig.up(*place))
         before = await rig.off_arcsec()
         false = await rig.look(wrong=(2500.0, -1500.0))
-        with pytest.raises(SyncUndone, match="taken back") as undone:
+        with pytest.raises(SyncUndone, match="was undone") as undone:
             await rig.guard.commit(false, SyncTrigger.CENTERING, target="M1", look_again=rig.look)
         assert isinstance(undone.value, SyncRefused)
         assert rig.syncs == 2
@@ -672,10 +672,10 @@ def test_a_sync_that_cannot_be_taken_back_leaves_the_position_untrusted() -> Non
             rig.mechanics.sync_behavior = "ignore"
             return await rig.look()
 
-        with pytest.raises(UndoFailed, match="could not be taken back"):
+        with pytest.raises(UndoFailed, match="could not be undone"):
             await rig.guard.commit(false, SyncTrigger.CENTERING, look_again=look_and_turn_deaf)
         assert not rig.mount.trusted
-        (fault,) = [row for row in rig.notes(EntryKind.FAULT) if "taken back" in row.what]
+        (fault,) = [row for row in rig.notes(EntryKind.FAULT) if "undone" in row.what]
         assert fault.facts["contradiction"]
         assert rig.notes(EntryKind.SYNC)[0].facts["outcome"] == "undo failed"
         with pytest.raises(DeviceRefused):
@@ -694,7 +694,7 @@ def test_a_look_that_could_be_chance_verifies_nothing() -> None:
         async def weak() -> Look:
             return await rig.look(false_probability=1e-3)
 
-        with pytest.raises(SyncUndone, match="no good") as undone:
+        with pytest.raises(SyncUndone, match="can't be used") as undone:
             await rig.guard.commit(await pointed(rig), SyncTrigger.CENTERING, look_again=weak)
         assert undone.value.doubts == (SyncDoubt.ODDS,)
         assert rig.syncs == 2

@@ -161,7 +161,7 @@ def test_each_instant_belongs_to_one_night(days: int, longitude_deg: float, seco
 
 @pytest.mark.parametrize("date", ["", "tonight", "2026-13-01", "2026-11-25T00:00", "26-11-25"])
 def test_what_is_no_date_is_no_night(date: str) -> None:
-    with pytest.raises(BadRequest, match="is no night"):
+    with pytest.raises(BadRequest, match="is not a night"):
         night_of(date, SITE)
 
 

@@ -238,7 +238,7 @@ def test_a_park_at_the_end_that_does_not_arrive_is_told() -> None:
             await clock.sleep(600.0)
         assert not rig.mount.mechanics.parked
         (failed,) = [facts for kind, facts in rig.events if kind == "night-park-failed"]
-        assert "came to rest on its way to its park position" in str(failed["problem"])
+        assert "stopped on its way to its park position" in str(failed["problem"])
 
     virtually(night, EVENING + timedelta(hours=10))
 

@@ -100,9 +100,9 @@ def test_everything_arrives_in_the_core(tmp_path: Path) -> None:
     ("text", "says"),
     [
         ("min_altitude_deg = 50\nmax_altitude_deg = 40", "leave no sky"),
-        ("hour_angle_deg = [60, -60]", "leaves nothing between"),
+        ("hour_angle_deg = [60, -60]", "leaves no range"),
         ("horizon_deg = [[0, 10]]", "one point makes no horizon"),
-        ("horizon_deg = [[0, 10], [400, 10]]", "no point of a horizon"),
+        ("horizon_deg = [[0, 10], [400, 10]]", "not a point of a horizon"),
         ('horizon_deg = [[0, 10], [40, 10]]\nhorizon_file = "x"', "both horizon_file and horizon_deg"),
         ("sun_cone_deg = 95", "sun_cone_deg"),
         ('daylight = "maybe"', "daylight"),

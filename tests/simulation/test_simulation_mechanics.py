@@ -407,7 +407,7 @@ def test_errors_from_toml(tmp_path: Path) -> None:
     ("text", "named"),
     [
         ("ih = 600", "unknown pointing error ih .*allowed: ih_arcsec"),
-        ("ih_arcsec = '600'", "ih_arcsec = '600' is no number"),
+        ("ih_arcsec = '600'", "ih_arcsec = '600' is not a number"),
         ("ih_arcsec = true", "ih_arcsec = True"),
         ("me_arcsec = nan", "me_arcsec"),
         ("backlash_arcsec = -1", "backlash_arcsec"),

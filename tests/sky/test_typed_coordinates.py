@@ -26,7 +26,7 @@ def test_positions_are_read_rightly(text: str) -> None:
 @pytest.mark.parametrize("text", TABLE["names"])
 def test_names_are_no_positions(text: str) -> None:
     assert read_target(text) == TypedName(text)
-    with pytest.raises(BadRequest, match="is no position"):
+    with pytest.raises(BadRequest, match="is not a position"):
         read_position(text)
 
 

@@ -281,7 +281,7 @@ def test_a_process_that_starts_after_a_store_was_removed_does_without_it(stores,
     left = pickle.loads(sent)
     assert [one.name for one in left.installed] == [stores["ucac4"].name, "Tycho-2"]
     assert left.magnitudes is None
-    assert "is passed over" in caplog.text
+    assert "is skipped" in caplog.text
     assert str(copy) in caplog.text
 
 

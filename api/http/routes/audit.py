@@ -30,7 +30,7 @@ class AuditView(BaseModel):
     what: str = Field(description="The order's kind, or the route")
     request: dict[str, Any] = Field(description="What was asked for, without secrets")
     outcome: str = Field(
-        description="taken; answered, of what is no order; or the slug of the problem it was refused for"
+        description="taken; answered, of what is not an order; or the slug of the problem it was refused for"
     )
     detail: str
     status: int | None = None
@@ -55,8 +55,10 @@ def list_audit(
     caller_asks: TheCaller,
     telescope: Annotated[str | None, Query(max_length=100)] = None,
     caller: Annotated[str | None, Query(max_length=100, description="The name of a key")] = None,
-    since: Annotated[Instant | None, Query(description="From then on; UTC unless it tells a zone")] = None,
-    until: Annotated[Instant | None, Query(description="Before then")] = None,
+    since: Annotated[
+        Instant | None, Query(description="From this time on; UTC unless it tells a zone")
+    ] = None,
+    until: Annotated[Instant | None, Query(description="Before this time")] = None,
     limit: Annotated[int, Query(ge=1, le=1000, description="Rows of a page")] = 100,
     cursor: Annotated[
         str | None, Query(pattern=r"^[0-9]{1,18}$", description="`next_cursor` of the page before")

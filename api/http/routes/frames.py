@@ -45,6 +45,11 @@ _FORM = {
     "required": ["file"],
     "properties": {"file": {"type": "string", "format": "binary"}},
 }
+PATH_EXAMPLE = {
+    "path": "/data/2026-12-01/m31-017.fits",
+    "target": {"kind": "icrs", "ra_deg": 10.6847, "dec_deg": 41.2687},
+}
+"""Of a body: a frame that lies on the service's machine, and where it should look."""
 _BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,
@@ -53,7 +58,11 @@ _BODY: dict[str, Any] = {
         "content": {
             "multipart/form-data": {"schema": _FORM},
             "application/octet-stream": _BINARY,
-            "application/json": {"schema": FramePathBody.model_json_schema()},
+            "application/json": {
+                # the schema itself is added to the description by the application
+                "schema": {"$ref": "#/components/schemas/FramePathBody"},
+                "examples": {"path": {"value": PATH_EXAMPLE}},
+            },
         },
     }
 }
@@ -145,7 +154,7 @@ async def _json_body(request: Request) -> FramePathBody:
 
 async def _by_json(night: NightRunner, body: FramePathBody, target: Icrs | Ephemeris | None) -> Receipt:
     if (body.path is None) == (body.header is None):
-        raise BadRequest("a path or a header is needed, one of them", advice='send {"path": "..."}')
+        raise BadRequest("either a path or a header is needed", advice='send {"path": "..."}')
     if body.header is not None:
         frame = _header_frame(body.header, body.source or "a header")
         digest = hashlib.sha256(json.dumps(body.header, sort_keys=True).encode()).hexdigest()

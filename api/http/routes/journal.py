@@ -17,8 +17,8 @@ router = APIRouter(tags=["journal"])
 
 Limit = Annotated[int, Query(ge=1, le=1000, description="Lines of a page")]
 CursorText = Annotated[str | None, Query(max_length=200, description="`next_cursor` of the page before")]
-From = Annotated[Instant | None, Query(description="From then on; UTC unless it tells a zone")]
-Before = Annotated[Instant | None, Query(description="Before then")]
+From = Annotated[Instant | None, Query(description="From this time on; UTC unless it tells a zone")]
+Before = Annotated[Instant | None, Query(description="Before this time")]
 Newest = Annotated[bool, Query(description="Newest first")]
 
 

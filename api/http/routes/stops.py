@@ -61,7 +61,7 @@ async def stop_all(service: TheService, caller: TheCaller, response: Response) -
 
     A telescope that is not connected, and can't be reached now either, is told as such in the answer; one
     that is connected and could not be told to stop makes it a 502 `stop-failed`. Of one that takes longer it
-    is said that it is not known yet (202), and the event `stop-settled` tells what came of it.
+    is said that it is not known yet (202), and the event `stop-settled` says what came of it.
     """
     connected = {telescope.id for telescope in service.observatory.telescopes if telescope.is_open}
     given = await service.dispatcher.stop_all(caller)

@@ -64,7 +64,7 @@ export function showHeadline(observatory) {
 export function restWords(state) {
   if (!state?.connected || state.slewing || !state.still_since_utc) return null;
   const since = `${clockOf(state.still_since_utc)} UTC`;
-  if (state.tracking === true) return `goes with the stars alone since ${since}`;
+  if (state.tracking === true) return `moves by tracking alone since ${since}`;
   if (state.tracking === false || state.parked) return `at rest since ${since}`;
   return `no motion seen since ${since}`;
 }

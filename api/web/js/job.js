@@ -73,7 +73,7 @@ function outcome(result) {
     return `${result.outcome}: from ${off(result.error_before_arcsec)} to ${off(result.error_after_arcsec)} off (tolerance ${off(result.tolerance_arcsec)})`;
   }
   if (result.kind === "look") return `${small(result.offset.total_arcsec)} from the mount's belief, ${result.pairs} stars`;
-  if (result.kind === "slew") return `${result.outcome}, ${small(result.miss_arcsec)} by the mount's own word`;
+  if (result.kind === "slew") return `${result.outcome}, ${small(result.miss_arcsec)} by the mount's own reading`;
   if (result.kind === "offset-rates") return result.ends_utc ? `rates ${rateWords(result.ra_arcsec_s)} RA, ${rateWords(result.dec_arcsec_s)} Dec until ${clockOf(result.ends_utc)} UTC` : "tracks as for a star";
   if (result.kind === "axes-moved") return result.axes.map((one) => `${one.axis} axis moved for ${one.moved_s.toFixed(1)} s: ${one.why}`).join("; ");
   return result.outcome ?? null;

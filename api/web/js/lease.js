@@ -21,7 +21,7 @@ export function showControl(observatory) {
   function show() {
     const { lease } = observatory, known = lease !== null && observatory.lostSince === null;
     let text = "not known";
-    if (known && !lease.held) text = "Nobody holds the telescope: whoever may operate may order.";
+    if (known && !lease.held) text = "Nobody holds the telescope: any key with the role operate may give orders.";
     else if (known && mine()) text = `This page holds the telescope. Should it fall silent for ${lease.ttl_s / 60} min: ${THEN[lease.on_expiry]}.`;
     else if (known && lease.running_out) text = `${holder(lease)} fell silent; now: ${THEN[lease.on_expiry]}.`;
     else if (known) text = `${holder(lease)} holds the telescope. Without a sign of life in ${left(lease)}: ${THEN[lease.on_expiry]}. Orders from here are refused, STOP never.`;
@@ -35,7 +35,7 @@ export function showControl(observatory) {
     release.disabled = observatory.lostSince !== null;
     by("control").classList.toggle("mine", known && mine());
     if (take.hidden || take.disabled) open(false);
-    if (!terms.hidden) say(by("control-ask"), byOther() ? `This breaks the hold of ${holder(lease)}: the next order from there is refused.` : "Nobody else can order anything then, but STOP.");
+    if (!terms.hidden) say(by("control-ask"), byOther() ? `This breaks the hold of ${holder(lease)}: the next order from there is refused.` : "Nobody else can give orders then, except STOP.");
   }
 
   const holder = (lease) => `${lease.holder}${lease.note ? ` (${lease.note})` : ""}`;
@@ -71,7 +71,7 @@ export function showControl(observatory) {
       wake();
     } catch (error) {
       say(by("control-told"), error instanceof NoConnection
-        ? `${error.message}. Whether it was taken is not known; if it was, nobody may order but STOP until it runs out in ${TTL_S / 60} min.` : `Refused: ${error.message}`);
+        ? `${error.message}. Whether this page has control is not known; if it has, nobody can give orders, except STOP, until that runs out in ${TTL_S / 60} min.` : `Refused: ${error.message}`);
     }
     submit.disabled = false;
     observatory.soon("lease", 0);

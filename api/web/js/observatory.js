@@ -255,7 +255,7 @@ export class Observatory {
 
   /** The service knows the job no more that ran when it was last heard: nobody can say that it still runs. */
   #forgotten() {
-    const detail = "The service does not know this job any more: it was started anew. What became of it is not known; the journal tells what was seen";
+    const detail = "The service was restarted and does not know this job any more. How it ended is not known; the journal shows what was seen";
     this.job = { ...this.job, state: "unknown", phase: "ended", finished_utc: this.job.created_utc, forgotten: true, problem: { detail } };
     this.tell("job");
   }

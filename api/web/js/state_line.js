@@ -69,7 +69,7 @@ export function showStateLine(observatory) {
     if (since === null) return;
     say(by("place-age"), "old");
     const ago = span((Date.now() - since) / 1000);
-    say(by("lost"), `Connection lost since ${clockOf(since)} UTC, ${ago} ago. Nothing below is of now; trying again.`);
+    say(by("lost"), `Connection lost since ${clockOf(since)} UTC, ${ago} ago. Everything below is old; trying again.`);
   });
   observatory.on("health", () => {
     const { health } = observatory;

@@ -220,12 +220,12 @@ def read_answer(body: bytes, content_type: str, transaction_id: int) -> Answer:
     number = told.get("ErrorNumber") or 0
     message = told.get("ErrorMessage") or ""
     if type(number) is not int or not isinstance(message, str):
-        raise Malformed(f"an error that is none: {excerpt(body)}")
+        raise Malformed(f"an error number that is not an error: {excerpt(body)}")
     return Answer(told.get("Value"), alpaca_number(number), message)
 
 
 def _no_number(text: str) -> NoReturn:
-    raise ValueError(f"{text} is no number")
+    raise ValueError(f"{text} is not a number")
 
 
 def alpaca_number(number: int) -> int:
@@ -304,7 +304,7 @@ def instant(value: object) -> datetime:
         raise Malformed(f"{shortened(said)} where an instant belongs") from fault
     if not EARLIEST <= utc <= LATEST:
         # .NET's DateTime.MinValue is what drivers say of an instant that they don't know
-        raise Malformed(f"{shortened(said)} is no instant of this age")
+        raise Malformed(f"{shortened(said)} is not an instant of this age")
     return utc
 
 

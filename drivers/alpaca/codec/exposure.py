@@ -130,7 +130,7 @@ def _narrowed(image: Pixels) -> Pixels:
     return image
 
 
-_CLOCK = TimeSource("the camera's clock", "the camera tells no time", "the camera's is")
+_CLOCK = TimeSource("the camera's clock", "the camera gives no time", "the camera's is")
 _MOST_SNAPPED = 2.0
 """A camera that knows certain exposure times only takes the nearest: by at most this factor, or the image
 is not ours. Chosen by hand, for steps of factor two."""

@@ -68,7 +68,7 @@ def _decoded(pieces: Iterable[bytes]) -> bytearray:
         if carried:
             plain += binascii.a2b_base64(carried)
     except binascii.Error as fault:
-        raise BrokenBlob(f"that is no base64: {fault}") from fault
+        raise BrokenBlob(f"that is not base64: {fault}") from fault
     return plain
 
 
@@ -97,7 +97,7 @@ may be an earlier exposure's. Chosen by hand."""
 _UNSAID_S = 10.0
 """The same for a driver that never says that it is done, counted from when the exposure should be over.
 Chosen by hand; it delays the frames of such drivers only."""
-_HEADER = TimeSource("its header", "its header tells no time", "its header is")
+_HEADER = TimeSource("its header", "its header gives no time", "its header is")
 
 
 @dataclass(slots=True)
@@ -236,9 +236,9 @@ class Exposure:
         """
         moments = self._moments(came)
         if self.doubtful and (by_header is None or not moments.allow(by_header, tolerance_s)):
-            return "it came before its driver said that it began, and tells no time that fits"
+            return "it came before its driver said that it began, and gives no time that fits"
         if by_header is not None and clocks_agree and moments.are_after(by_header, tolerance_s):
-            return "it was exposed before this one was ordered"
+            return "it was exposed before this exposure was ordered"
         return None
 
     def _moments(self, came: datetime) -> ExposureTimes:

@@ -283,7 +283,7 @@ def _state(text: str) -> State:
     try:
         return State(text)
     except ValueError:
-        raise _Nonsense(f"{shortened(text)} is no state") from None
+        raise _Nonsense(f"{shortened(text)} is not a state") from None
 
 
 def _values(element: Element, tag: str) -> dict[str, Value]:
@@ -310,7 +310,7 @@ def _value(element: Element, kind: str) -> Value:
             return number(text)
         case "Switch":
             if text not in ("On", "Off"):
-                raise _Nonsense(f"{shortened(text)} is no switch")
+                raise _Nonsense(f"{shortened(text)} is not a switch")
             return text == "On"
         case "Light":
             return _state(text)
@@ -319,7 +319,7 @@ def _value(element: Element, kind: str) -> Value:
 
 def _count(text: str) -> int:
     if not _LENGTH.fullmatch(text.strip()):
-        raise _Nonsense(f"{shortened(text)} is no length")
+        raise _Nonsense(f"{shortened(text)} is not a length")
     return int(text)
 
 
@@ -332,7 +332,7 @@ def number(text: str) -> float:
         If it is none. "nan" and "inf" are numbers: drivers say so of what they don't know.
     """
     if len(text) > _MOST_NUMBER_CHARACTERS:
-        raise _Nonsense(f"{shortened(text)} is no number")
+        raise _Nonsense(f"{shortened(text)} is not a number")
     match = _SEXAGESIMAL.match(text)
     if match is None:
         try:
@@ -340,10 +340,10 @@ def number(text: str) -> float:
                 raise ValueError
             return float(text)
         except ValueError:
-            raise _Nonsense(f"{text!r} is no number") from None
+            raise _Nonsense(f"{text!r} is not a number") from None
     whole, minutes, seconds = (float(match[part] or 0.0) for part in (2, 3, 4))
     if minutes >= 60.0 or seconds >= 60.0 + 1e-9:
-        raise _Nonsense(f"{text!r} is no number")
+        raise _Nonsense(f"{text!r} is not a number")
     # the sign stands before the whole: "-0:30" is half a unit below zero
     return math.copysign(whole + minutes / 60.0 + seconds / 3600.0, -1.0 if match[1] == "-" else 1.0)
 

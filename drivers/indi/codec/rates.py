@@ -64,7 +64,7 @@ KNOWN: Mapping[str, Known] = {
     "indi_eqmod_telescope": Known(speeds_deg_s=_times(1, 2, 4, 8, 32, 64, 128, 600, 700, 800)),
     "indi_ieq_telescope": Known(0.01, 0.0, f"{_NO_DEC}; in right ascension at most 0.01″/s", _IOPTRON),
     "indi_ioptronv3_telescope": Known(0.9 * OF_A_STAR_ARCSEC_S, 0.0, _NO_DEC, _IOPTRON),
-    "indi_pmc8_telescope": Known(0.0, 0.0, "its rates of its own are not those of its mount"),
+    "indi_pmc8_telescope": Known(0.0, 0.0, "its offset rates are not those of its mount"),
     "indi_lx200_OnStep": Known(0.0, 0.0, "it sets the speed of motions by hand instead"),
     "indi_lx200ap_gtocp2": Known(dec_most_arcsec_s=0.0, why=_AP_DEC),
     "indi_lx200ap_v2": Known(dec_most_arcsec_s=0.0, why=_AP_DEC),

@@ -41,7 +41,7 @@ def yes_or_no(buffer: bytes, final: bool) -> Read[bool] | None:
 def model(buffer: bytes, final: bool) -> Read[str] | None:
     """Four digits, without a `#`."""
     if not re.fullmatch(rb"[0-9]*", buffer[:4]):
-        raise Unreadable(f"{buffer!r} is no model number")
+        raise Unreadable(f"{buffer!r} is not a model number")
     return Read(buffer[:4].decode("ascii"), 4) if len(buffer) >= 4 else None
 
 
@@ -85,7 +85,7 @@ def signed_text(lengths: tuple[int, ...], understand: Callable[[bytes], T]) -> R
 def digits(words: bytes) -> str:
     """ASCII digits alone; raises `Unreadable` where they are none."""
     if re.fullmatch(rb"[0-9]+", words) is None:
-        raise Unreadable(f"{words!r} are no digits")
+        raise Unreadable(f"{words!r} are not digits")
     return words.decode("ascii")
 
 

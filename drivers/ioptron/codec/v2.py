@@ -49,7 +49,7 @@ def ra_to_text(ra_deg: float) -> bytes:
 def ra_from_text(text: bytes) -> float:
     """Read eight digits; degrees. Raises `Unreadable` beyond 24 h."""
     if re.fullmatch(rb"[0-9]{8}", text) is None or int(text) > _DAY_MS:
-        raise Unreadable(f"{text!r} is no right ascension")
+        raise Unreadable(f"{text!r} is not a right ascension")
     return int(text) % _DAY_MS / _MS_DEG
 
 
@@ -70,7 +70,7 @@ def status_from_text(text: bytes) -> Status:
     """Read `:GLS#`'s 19 characters; raises `Unreadable` where they don't match wholly and in range."""
     match = _STATUS.fullmatch(text)
     if match is None or int(match[2]) > 180 * 3600:
-        raise Unreadable(f"{text!r} is no status")
+        raise Unreadable(f"{text!r} is not a status")
     return Status(
         arcsec_from_text(match[1], 180, "longitude"),
         int(match[2]) / 3600.0 - 90.0,
@@ -111,7 +111,7 @@ def pointing_from_text(text: bytes) -> Pointing:
     """
     match = _POINTING.fullmatch(text)
     if match is None:
-        raise Unreadable(f"{text!r} is no pointing")
+        raise Unreadable(f"{text!r} is not a pointing")
     dec_deg = angle_from_text(match[1], -90, 90, "declination")
     return Pointing(ra_from_text(match[2]), dec_deg, PierSide.UNKNOWN, False)
 
@@ -129,12 +129,12 @@ def clock_from_text(text: bytes) -> MountClock:
     """
     match = _CLOCK.fullmatch(text)
     if match is None:
-        raise Unreadable(f"{text!r} is no clock")
+        raise Unreadable(f"{text!r} is not a clock")
     offset_min, summer_time = offset_from_text(match[1]), match[2] == b"1"
     try:
         local = datetime.strptime((match[3] + match[4]).decode("ascii"), "%y%m%d%H%M%S").replace(tzinfo=UTC)
     except ValueError as cause:
-        raise Unreadable(f"{text!r} is no date and time") from cause
+        raise Unreadable(f"{text!r} is not a date and time") from cause
     if local.year < 2000:
         local = local.replace(year=local.year + 100)
     return MountClock(local - timedelta(minutes=offset_min + 60 * summer_time), offset_min, summer_time)

@@ -129,7 +129,7 @@ def set_ra(ra_deg: float) -> Command[bool]:
 def set_custom_rate(sidereal: float) -> Command[bool]:
     """Order the custom rate, sidereal rates, 0.1..1.9; raises `ValueError` beyond [IOPTRON310 :RRnnnnn]."""
     if not 0.1 <= sidereal <= 1.9:
-        raise ValueError(f"a custom rate of {sidereal} sidereal rates is none the mount takes")
+        raise ValueError(f"a custom rate of {sidereal} sidereal rates is not one that the mount accepts")
     return order(b"RR%05d" % round(sidereal * 10_000), "custom rate")
 
 

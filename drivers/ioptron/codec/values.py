@@ -178,7 +178,7 @@ def status_from_text(text: bytes) -> Status:
     """Read `:GLS#`'s 23 characters; raises `Unreadable` where they don't match wholly and in range."""
     match = _STATUS.fullmatch(text)
     if match is None:
-        raise Unreadable(f"{text!r} is no status")
+        raise Unreadable(f"{text!r} is not a status")
     return Status(
         angle_from_text(match[1], -180, 180, "longitude"),
         angle_from_text(match[2], 0, 180, "latitude + 90°") - 90.0,
@@ -209,7 +209,7 @@ def pointing_from_text(text: bytes) -> Pointing:
     """Read `:GEP#`'s 20 characters; raises `Unreadable` where they don't match wholly and in range."""
     match = _POINTING.fullmatch(text)
     if match is None:
-        raise Unreadable(f"{text!r} is no pointing")
+        raise Unreadable(f"{text!r} is not a pointing")
     ra_deg = angle_from_text(match[2], 0, 360, "right ascension")
     return Pointing(
         ra_deg % 360.0,
@@ -246,7 +246,7 @@ def time_to_text(utc: datetime) -> bytes:
 def time_from_text(text: bytes) -> datetime:
     """Read thirteen digits; raises `Unreadable` where they are no such number."""
     if re.fullmatch(rb"[0-9]{13}", text) is None:
-        raise Unreadable(f"{text!r} is no time")
+        raise Unreadable(f"{text!r} is not a time")
     return J2000_UTC + int(text) * _MS
 
 
@@ -254,7 +254,7 @@ def clock_from_text(text: bytes) -> MountClock:
     """Read `:GUT#`'s 18 characters; raises `Unreadable` where they don't match wholly and in range."""
     match = _CLOCK.fullmatch(text)
     if match is None:
-        raise Unreadable(f"{text!r} is no clock")
+        raise Unreadable(f"{text!r} is not a clock")
     return MountClock(time_from_text(match[3]), offset_from_text(match[1]), match[2] == b"1")
 
 
@@ -266,7 +266,7 @@ def clock_to_text(clock: MountClock) -> bytes:
 def horizontal_from_text(text: bytes) -> Horizontal:
     """Read `:GAC#`'s 18 characters; raises `Unreadable` where they don't match wholly and in range."""
     if re.fullmatch(rb"[+-][0-9]{17}", text) is None:
-        raise Unreadable(f"{text!r} is no altitude and azimuth")
+        raise Unreadable(f"{text!r} is not an altitude and azimuth")
     return Horizontal(
         angle_from_text(text[:9], -90, 90, "altitude"), angle_from_text(text[9:], 0, 360, "azimuth") % 360.0
     )
@@ -285,7 +285,7 @@ def park_place_to_text(place: Horizontal) -> bytes:
 def altitude_limit_from_text(text: bytes) -> int:
     """Read `:GAL#`'s sign and two digits, degrees; raises `Unreadable` beyond ±89."""
     if re.fullmatch(rb"[+-][0-8][0-9]", text) is None:
-        raise Unreadable(f"{text!r} is no altitude limit")
+        raise Unreadable(f"{text!r} is not an altitude limit")
     return int(text)
 
 
@@ -297,7 +297,7 @@ def altitude_limit_to_text(alt_deg: int) -> bytes:
 def guide_rates_from_text(text: bytes) -> tuple[float, float]:
     """Read `:AG#`'s four digits: right ascension's and declination's rate, in sidereal rates."""
     if re.fullmatch(rb"[0-9]{4}", text) is None:
-        raise Unreadable(f"{text!r} are no guide rates")
+        raise Unreadable(f"{text!r} are not guide rates")
     return int(text[:2]) / 100.0, int(text[2:]) / 100.0
 
 
@@ -310,14 +310,14 @@ def custom_rate_from_text(text: bytes) -> float:
         If it is none that the mount takes: 0.1 to 1.9.
     """
     if re.fullmatch(rb"[0-9]{5}", text) is None or not 1_000 <= int(text) <= 19_000:
-        raise Unreadable(f"{text!r} is no custom rate")
+        raise Unreadable(f"{text!r} is not a custom rate")
     return int(text) / 10_000.0
 
 
 def meridian_from_text(text: bytes) -> tuple[bool, int]:
     """Read `:GMT#`'s three digits: whether it flips (or stops), and how many degrees past the meridian."""
     if re.fullmatch(rb"[01][0-9]{2}", text) is None:
-        raise Unreadable(f"{text!r} is no treatment of the meridian")
+        raise Unreadable(f"{text!r} is not a treatment of the meridian")
     return text[:1] == b"1", int(text[1:])
 
 
@@ -326,14 +326,14 @@ def firmware_from_text(text: bytes) -> str:
     half = len(text) // 2
     dates = text[:half], text[half:]
     if any(re.fullmatch(rb"[0-9]+|x+", date) is None for date in dates):
-        raise Unreadable(f"{text!r} are no firmware dates")
+        raise Unreadable(f"{text!r} are not firmware dates")
     return "/".join(date.decode("ascii") for date in dates)
 
 
 def offset_from_text(text: bytes) -> int:
     """Read sign and three digits, minutes; raises `Unreadable` beyond 14 hours east or 12 west."""
     if re.fullmatch(rb"[+-][0-9]{3}", text) is None or not -720 <= int(text) <= 840:
-        raise Unreadable(f"{text!r} is no offset from UTC in minutes")
+        raise Unreadable(f"{text!r} is not an offset from UTC in minutes")
     return int(text)
 
 

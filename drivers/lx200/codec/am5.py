@@ -48,7 +48,7 @@ REFUSALS: Mapping[int, tuple[str, Refusal]] = {
     9: ("the place of the sync is on the other side of the meridian", Refusal.LIMIT),
     10: ("altitude inverted", Refusal.LIMIT),
     11: ("a sync near the pole", Refusal.LIMIT),
-    12: ("a sync too far from where it believes to point", Refusal.LIMIT),
+    12: ("a sync too far from where it believes it points", Refusal.LIMIT),
     13: ("above the altitude limit", Refusal.LIMIT),
 }
 """What the number of an ``eN#`` means, and which reason that is [ZWO error codes]."""
@@ -95,7 +95,7 @@ def status_from_text(wire: bytes) -> Status:
     mode = [letter for letter in letters if letter in "GZ"]
     flags = set(letters) - {"G", "Z"}
     if match is None or len(mode) != 1 or len(flags) + 1 != len(letters) or not flags <= _FLAGS:
-        raise Unreadable(f"{wire!r} is no status")
+        raise Unreadable(f"{wire!r} is not a status")
     return Status(
         tracking="n" not in flags,
         slewing="N" not in flags,
@@ -110,7 +110,7 @@ def status_from_text(wire: bytes) -> Status:
 def _refusal(wire: bytes) -> Answer:
     match = re.fullmatch(rb"e(\d{1,2})", wire)
     if match is None:
-        raise Unreadable(f"{wire!r} is no refusal")
+        raise Unreadable(f"{wire!r} is not a refusal")
     number = int(match[1])
     return Answer(*REFUSALS.get(number, (f"error {number}", Refusal.OTHER)))
 
@@ -127,7 +127,7 @@ def answer_to(yes: bytes) -> Callable[[bytes, bool], Read[Answer] | None]:
             whole = text(buffer, final)
             return None if whole is None else Read(_refusal(whole.value), whole.length)
         if buffer[:1] not in (b"0", b"1"):
-            raise Unreadable(f"{buffer!r} is no answer to an order")
+            raise Unreadable(f"{buffer!r} is not an answer to an order")
         return Read(Answer("it says no"), 1)
 
     return read
@@ -151,13 +151,13 @@ def _tracking(wire: bytes) -> bool:
 
 def _park_state(wire: bytes) -> ParkState:
     if wire not in (b"0", b"1", b"2", b"3"):
-        raise Unreadable(f"{wire!r} is no state of parking")
+        raise Unreadable(f"{wire!r} is not a state of parking")
     return ParkState(int(wire))
 
 
 def _side(wire: bytes) -> PierSide:
     if wire not in _SIDES:
-        raise Unreadable(f"{wire!r} is no side of the pier")
+        raise Unreadable(f"{wire!r} is not a side of the pier")
     return _SIDES[wire]
 
 

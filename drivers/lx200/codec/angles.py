@@ -63,7 +63,7 @@ def ra_from_text(text: bytes) -> WireAngle:
     """
     match = _RA.fullmatch(text)
     if match is None:
-        raise Unreadable(f"{text!r} is no right ascension")
+        raise Unreadable(f"{text!r} is not a right ascension")
     hours, minutes = int(match[1]), int(match[2])
     if match[3] is not None:
         seconds, step_arcsec = 6.0 * int(match[3]), RA_SHORT_STEP_ARCSEC
@@ -87,7 +87,7 @@ def dec_from_text(text: bytes) -> WireAngle:
     """
     match = _DEC.fullmatch(text)
     if match is None:
-        raise Unreadable(f"{text!r} is no declination")
+        raise Unreadable(f"{text!r} is not a declination")
     seconds = int(match[4] or 0) + _fraction(match[5])
     if int(match[3]) > 59 or seconds >= 60.0:
         raise Unreadable(f"{text!r} is out of range for a declination")
@@ -110,7 +110,7 @@ def longitude_from_text(text: bytes) -> float:
     """
     match = _LONGITUDE.fullmatch(text)
     if match is None:
-        raise Unreadable(f"{text!r} is no longitude")
+        raise Unreadable(f"{text!r} is not a longitude")
     seconds = int(match[4] or 0) + _fraction(match[5])
     size_deg = (int(match[2]) * 3600 + int(match[3]) * 60 + seconds) / 3600.0
     if int(match[3]) > 59 or seconds >= 60.0 or size_deg > 360.0:

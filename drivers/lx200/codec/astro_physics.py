@@ -31,7 +31,7 @@ _UNSET_RA = (b"00:00.0", b"00:00:00.0", b"00:00:00")
 def _status(wire: bytes) -> State:
     match = _STATUS.fullmatch(wire)
     if match is None:
-        raise Unreadable(f"{wire!r} is no status")
+        raise Unreadable(f"{wire!r} is not a status")
     moving = match[4] == b"S" or match[5] != b"0" or match[6] != b"0"
     return State(slewing=moving, tracking=match[2] != b"9", parked=match[1] == b"P")
 
@@ -39,7 +39,7 @@ def _status(wire: bytes) -> State:
 def _side(wire: bytes) -> PierSide:
     sides = {b"East": PierSide.EAST, b"West": PierSide.WEST}
     if wire not in sides:
-        raise Unreadable(f"{wire!r} is no side")
+        raise Unreadable(f"{wire!r} is not a side")
     return sides[wire]
 
 

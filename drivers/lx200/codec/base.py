@@ -94,7 +94,7 @@ def words_but_no_place(wire: bytes) -> str:
     """Plain text; a coordinate here is the late answer of another question."""
     said = words(wire)
     if _COORDINATE.fullmatch(said):
-        raise Unreadable(f"{wire!r} is no answer to a sync")
+        raise Unreadable(f"{wire!r} is not an answer to a sync")
     return said
 
 
@@ -108,7 +108,7 @@ def coded(codes: Mapping[str, tuple[str, Refusal]]) -> Callable[[bytes, bool], R
         if code == "0":
             return Read(Answer(), 1)
         if code not in codes:
-            raise Unreadable(f"{buffer!r} is no answer to a slew")
+            raise Unreadable(f"{buffer!r} is not an answer to a slew")
         return Read(Answer(*codes[code]), 1)
 
     return read
@@ -146,7 +146,7 @@ def _letter(buffer: bytes, final: bool) -> Read[Letter] | None:
     if not buffer:
         return None
     if not (buffer[:1].isalpha() and buffer.isascii()):
-        raise Unreadable(f"{buffer!r} is no alignment letter")
+        raise Unreadable(f"{buffer!r} is not an alignment letter")
     if buffer[1:2] == b"#":
         return Read(Letter(chr(buffer[0]), True), 2)
     # a `#` may be on its way: the letters of the classics never have one
@@ -173,7 +173,7 @@ def slew_answer(buffer: bytes, final: bool) -> Read[Answer] | None:
         return Read(Answer(), 1)
     code = chr(buffer[0])
     if not code.isdigit():
-        raise Unreadable(f"{buffer!r} is no answer to a slew")
+        raise Unreadable(f"{buffer!r} is not an answer to a slew")
     by_code = {"1": Refusal.BELOW_HORIZON, "2": Refusal.LIMIT, "4": Refusal.LIMIT}
     whole = text(buffer, final)
     if whole is not None:
@@ -194,7 +194,7 @@ def _sync_answer(wire: bytes) -> Answer:
 
 def _bars(wire: bytes) -> bool:
     if len(wire) > 33 or any(byte not in (0x20, BAR, 0xFF) for byte in wire):
-        raise Unreadable(f"{wire!r} are no distance bars")
+        raise Unreadable(f"{wire!r} are not distance bars")
     return any(byte != 0x20 for byte in wire)
 
 

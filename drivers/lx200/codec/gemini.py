@@ -58,7 +58,7 @@ def _native_value(wire: bytes) -> bytes:
 def _status(wire: bytes) -> int:
     value = _native_value(wire)
     if not re.fullmatch(rb"\d{1,3}", value):
-        raise Unreadable(f"{wire!r} is no status")
+        raise Unreadable(f"{wire!r} is not a status")
     return int(value)
 
 
@@ -67,7 +67,7 @@ def _velocity(buffer: bytes, final: bool) -> Read[str] | None:
     if not buffer:
         return None
     if buffer[:1] not in (b"N", b"T", b"G", b"C", b"S", b"!"):
-        raise Unreadable(f"{buffer!r} is no velocity")
+        raise Unreadable(f"{buffer!r} is not a velocity")
     return Read(chr(buffer[0]), 1)
 
 
@@ -76,7 +76,7 @@ def _parking(buffer: bytes, final: bool) -> Read[int] | None:
     if not buffer:
         return None
     if buffer[:1] not in (b"0", b"1", b"2"):
-        raise Unreadable(f"{buffer!r} is no parking state")
+        raise Unreadable(f"{buffer!r} is not a parking state")
     return Read(int(buffer[:1]), 1)
 
 
@@ -85,7 +85,7 @@ def _slewed(buffer: bytes, final: bool) -> Read[Answer] | None:
     if buffer[:1] == b"0":
         return Read(Answer(), 1)
     if buffer and chr(buffer[0]) not in _SLEW_CODES:
-        raise Unreadable(f"{buffer!r} is no answer to a slew")
+        raise Unreadable(f"{buffer!r} is not an answer to a slew")
     whole = text(buffer, final)
     if whole is None:
         return None
@@ -102,7 +102,7 @@ def _synced(wire: bytes) -> Answer:
 def _side(wire: bytes) -> PierSide:
     sides = {b"E": PierSide.EAST, b"W": PierSide.WEST}
     if wire not in sides:
-        raise Unreadable(f"{wire!r} is no side")
+        raise Unreadable(f"{wire!r} is not a side")
     return sides[wire]
 
 

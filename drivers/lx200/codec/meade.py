@@ -35,7 +35,7 @@ def _status(wire: bytes) -> State:
     """Mounting, tracking, alignment: ``AT1``; 0 has never been aligned since it was switched on."""
     match = _STATUS.fullmatch(wire)
     if match is None:
-        raise Unreadable(f"{wire!r} is no alignment status")
+        raise Unreadable(f"{wire!r} is not an alignment status")
     return State(tracking=match[2] == b"T", fresh=match[3] == b"0")
 
 

@@ -150,7 +150,7 @@ def status_from_text(wire: bytes) -> Status:
         or len(set(single)) != len(single)
         or not _FLAGS.issuperset(single)
     ):
-        raise Unreadable(f"{wire!r} is no status")
+        raise Unreadable(f"{wire!r} is not a status")
     return Status(
         tracking="n" not in single,
         slewing="N" not in single,
@@ -176,14 +176,14 @@ def guide_rate_from_text(wire: bytes) -> float:
         If it is none, or faster than any pulse.
     """
     if re.fullmatch(rb" *\d{1,2}\.\d\d", wire) is None or not 0.0 < float(wire) <= _FASTEST_PULSE:
-        raise Unreadable(f"{wire!r} is no rate of a guide pulse")
+        raise Unreadable(f"{wire!r} is not a rate of a guide pulse")
     return float(wire) * SIDEREAL_DEG_S
 
 
 def _letter(letters: Mapping[bytes, PierSide]) -> Callable[[bytes], PierSide]:
     def understand(wire: bytes) -> PierSide:
         if wire not in letters:
-            raise Unreadable(f"{wire!r} is no side of the pier")
+            raise Unreadable(f"{wire!r} is not a side of the pier")
         return letters[wire]
 
     return understand
@@ -206,7 +206,7 @@ def _sync_answer(buffer: bytes, final: bool) -> Read[Answer] | None:
     if said[:1] == "E" and said[1:] in REFUSALS:
         return Read(Answer(*REFUSALS[said[1:]]), whole.length)
     if said != "N/A":
-        raise Unreadable(f"{whole.value!r} is no answer to a sync")
+        raise Unreadable(f"{whole.value!r} is not an answer to a sync")
     return Read(Answer(), whole.length)
 
 
@@ -222,7 +222,7 @@ def _with_reason(buffer: bytes, final: bool) -> Read[Answer] | None:
             return Read(Answer() if done.value else Answer("0"), len(buffer))
         return None
     if len(why.value) != 2 or not why.value.isdigit():
-        raise Unreadable(f"{buffer!r} is no answer and its reason")
+        raise Unreadable(f"{buffer!r} is not an answer and its reason")
     answer = Answer()
     if not done.value:
         code = int(why.value)
@@ -364,7 +364,7 @@ finer for any comet. Doubled, a rate is off by 0.004″ in an hour."""
 
 def _offset(wire: bytes) -> float:
     if re.fullmatch(rb"-?\d{1,4}\.\d{1,9}", wire) is None or abs(float(wire)) > _MOST_OFFSET + 0.01:
-        raise Unreadable(f"{wire!r} is no rate beside the sidereal one")
+        raise Unreadable(f"{wire!r} is not a rate beside the sidereal one")
     return float(wire)
 
 

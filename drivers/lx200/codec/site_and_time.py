@@ -28,31 +28,31 @@ def date_from_text(wire: bytes) -> date:
     """``MM/DD/YY``; 70..99 are of the last century [LX200 :GC#]."""
     match = _DATE.fullmatch(wire)
     if match is None:
-        raise Unreadable(f"{wire!r} is no date")
+        raise Unreadable(f"{wire!r} is not a date")
     year = int(match[3])
     try:
         return date(year + (1900 if year >= 70 else 2000), int(match[1]), int(match[2]))
     except ValueError as cause:
-        raise Unreadable(f"{wire!r} is no date: {cause}") from cause
+        raise Unreadable(f"{wire!r} is not a date: {cause}") from cause
 
 
 def time_from_text(wire: bytes) -> time:
     """``HH:MM:SS``, perhaps with a fraction [LX200 :GL#]."""
     match = _TIME.fullmatch(wire)
     if match is None:
-        raise Unreadable(f"{wire!r} is no time of day")
+        raise Unreadable(f"{wire!r} is not a time of day")
     micros = int((match[4] or b"").ljust(6, b"0"))
     try:
         return time(int(match[1]), int(match[2]), int(match[3]), micros)
     except ValueError as cause:
-        raise Unreadable(f"{wire!r} is no time of day: {cause}") from cause
+        raise Unreadable(f"{wire!r} is not a time of day: {cause}") from cause
 
 
 def hours_to_utc_from_text(wire: bytes) -> float:
     """``sHH``, ``sHH.H``, ``sHH:MM`` or ``sHH:MM:SS`` [LX200 :GG#]."""
     match = _OFFSET.fullmatch(wire)
     if match is None:
-        raise Unreadable(f"{wire!r} is no offset to UTC")
+        raise Unreadable(f"{wire!r} is not an offset to UTC")
     fraction = int(match[3]) / 10 ** len(match[3]) if match[3] else 0.0
     minutes, seconds = int(match[4] or 0), int(match[5] or 0)
     size = int(match[2]) + fraction + minutes / 60.0 + seconds / 3600.0
@@ -80,12 +80,12 @@ def _date_taken(buffer: bytes, final: bool) -> Read[bool] | None:
     if buffer[:1] == b"0":
         return Read(False, 1)
     if buffer[:1] != b"1":
-        raise Unreadable(f"{buffer!r} is no answer to a date")
+        raise Unreadable(f"{buffer!r} is not an answer to a date")
     ends = [index for index, byte in enumerate(buffer) if byte == ord("#")]
     if len(ends) >= 2:
         return Read(True, ends[1] + 1)
     if len(buffer) > 120:
-        raise Unreadable(f"{buffer!r} is no answer to a date")
+        raise Unreadable(f"{buffer!r} is not an answer to a date")
     # some say one text only, some say none: time has run out, so that was all
     whole = len(buffer) == 1 or buffer.endswith(b"#")
     return Read(True, len(buffer)) if final and whole else None

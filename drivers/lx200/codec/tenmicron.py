@@ -130,7 +130,7 @@ def info_from_text(wire: bytes) -> Info:
     """
     match = _INFO.fullmatch(wire.decode("latin-1"))
     if match is None:
-        raise Unreadable(f"{wire!r} is no reading")
+        raise Unreadable(f"{wire!r} is not a reading")
     ra_h, dec_deg, azimuth_deg, altitude_deg = (float(match[n]) for n in (1, 2, 4, 5))
     if not (ra_h < 24.0 and abs(dec_deg) <= 90.0 and abs(altitude_deg) <= 90.0 and abs(azimuth_deg) <= 360.0):
         raise Unreadable(f"{wire!r} is out of range for a reading")
@@ -156,24 +156,24 @@ def info_from_text(wire: bytes) -> Info:
 def _utc_from_text(wire: bytes) -> datetime:
     match = _UTC.fullmatch(wire)
     if match is None:
-        raise Unreadable(f"{wire!r} is no instant")
+        raise Unreadable(f"{wire!r} is not an instant")
     year, month, day, hour, minute, second = (int(match[n]) for n in range(1, 7))
     try:
         utc = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
     except ValueError as cause:
-        raise Unreadable(f"{wire!r} is no instant: {cause}") from cause
+        raise Unreadable(f"{wire!r} is not an instant: {cause}") from cause
     return utc + timedelta(milliseconds=int((match[7] or b"").ljust(3, b"0")))
 
 
 def _status_from_text(wire: bytes) -> MountStatus:
     if re.fullmatch(rb"\d{1,2}", wire) is None:
-        raise Unreadable(f"{wire!r} is no status")
+        raise Unreadable(f"{wire!r} is not a status")
     return _status_of(int(wire))
 
 
 def _side_from_text(wire: bytes) -> PierSide:
     if wire not in _SIDE_WORDS:
-        raise Unreadable(f"{wire!r} is no side of the pier")
+        raise Unreadable(f"{wire!r} is not a side of the pier")
     return _SIDE_WORDS[wire]
 
 
@@ -181,7 +181,7 @@ def _bare_side(buffer: bytes, final: bool) -> Read[PierSide] | None:
     if not buffer:
         return None
     if buffer[:1] not in _DESTINATION:
-        raise Unreadable(f"{buffer!r} is no destination side")
+        raise Unreadable(f"{buffer!r} is not a destination side")
     return Read(_DESTINATION[buffer[:1]], 1)
 
 
@@ -192,7 +192,7 @@ def _slew_answer(buffer: bytes, final: bool) -> Read[Answer] | None:
         return Read(Answer(), 1)
     code = chr(buffer[0])
     if code not in REFUSALS:
-        raise Unreadable(f"{buffer!r} is no answer to a slew")
+        raise Unreadable(f"{buffer!r} is not an answer to a slew")
     whole = text(buffer, final)
     if whole is None:
         return None
@@ -205,7 +205,7 @@ def _sync_answer(wire: bytes) -> Answer:
     if said.startswith("Match fail"):
         return Answer(said, Refusal.LIMIT)
     if not said.startswith("Coordinates"):
-        raise Unreadable(f"{wire!r} is no answer to a sync")
+        raise Unreadable(f"{wire!r} is not an answer to a sync")
     return Answer()
 
 

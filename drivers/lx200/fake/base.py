@@ -67,7 +67,7 @@ class Horizon:
         if text[:2] == "Sz":
             match = _AZIMUTH.fullmatch(text[2:].strip())
             if match is None or int(match[1]) > 360:
-                raise Unreadable(f"{text!r} is no azimuth")
+                raise Unreadable(f"{text!r} is not an azimuth")
             self._az_deg = int(match[1]) + int(match[2]) / 60.0 + int(match[3] or 0) / 3600.0
             return b"1"
         if text[:2] == "Sa":

@@ -63,7 +63,7 @@ class Settings:
         elif what == "SC":
             self._take_date(text)
         else:
-            raise ValueError(f"{what} is no setting")
+            raise ValueError(f"{what} is not a setting")
 
     def _take_time(self, text: str) -> None:
         given = datetime.strptime(text, "%H:%M:%S.%f" if "." in text else "%H:%M:%S")
@@ -77,7 +77,7 @@ class Settings:
                 self._set_local(datetime.combine(given.date(), self.local.time(), UTC))
                 self.date_set = True
                 return
-        raise ValueError(f"{text!r} is no date")
+        raise ValueError(f"{text!r} is not a date")
 
     def _set_local(self, local: datetime) -> None:
         self._mechanics.set_believed_utc(local + timedelta(hours=self.hours_to_utc))

@@ -65,7 +65,7 @@ def point_from_text(wire: bytes) -> ModelPoint:
     """
     fields = wire.split(b",")
     if len(fields) != 6 or fields[2] not in _SIDES_OF_POINTS:
-        raise Unreadable(f"{wire!r} is no point of a model")
+        raise Unreadable(f"{wire!r} is not a point of a model")
     return ModelPoint(
         ra_from_text(fields[0]).deg,
         _dec(fields[1]),

@@ -85,7 +85,7 @@ def pass_through_from_bytes(packed: bytes) -> PassThrough:
         If they are none.
     """
     if len(packed) != 8 or packed[0] != 0x50 or not 1 <= packed[1] <= 4:
-        raise Unreadable(f"{packed!r} is no pass-through")
+        raise Unreadable(f"{packed!r} is not a pass-through")
     return PassThrough(packed[2], packed[3], packed[4 : 3 + packed[1]], packed[7])
 
 
@@ -112,7 +112,7 @@ def variable_rate(axis: Axis, rate_arcsec_s: float) -> PassThrough:
     """
     quarters = round(abs(rate_arcsec_s) * 4.0)
     if quarters >= min(_TRACKING_RATES):
-        raise ValueError(f"{rate_arcsec_s} arcsec/s can't be said on this wire")
+        raise ValueError(f"{rate_arcsec_s} arcsec/s can't be encoded in this protocol")
     order = Order.RATE_DOWN if rate_arcsec_s < 0 else Order.RATE_UP
     return PassThrough(axis, order, quarters.to_bytes(2, "big"))
 
@@ -126,7 +126,7 @@ def tracking_rate(rate: int, *, south: bool) -> PassThrough:
         If it is none of them.
     """
     if rate not in _TRACKING_RATES:
-        raise ValueError(f"{rate:#x} is no tracking rate")
+        raise ValueError(f"{rate:#x} is not a tracking rate")
     return PassThrough(Axis.RA, Order.RATE_DOWN if south else Order.RATE_UP, rate.to_bytes(2, "big"))
 
 
@@ -144,7 +144,7 @@ def pulse(axis: Axis, rate_percent: int, pulse_s: float) -> PassThrough:
         If the rate is beyond 100 % or the moment longer than 2.55 s.
     """
     if abs(rate_percent) > 100 or not 0.0 <= pulse_s <= LONGEST_PULSE_S:
-        raise ValueError(f"a pulse of {pulse_s} s at {rate_percent} % can't be said on this wire")
+        raise ValueError(f"a pulse of {pulse_s} s at {rate_percent} % can't be encoded in this protocol")
     return PassThrough(axis, Order.PULSE, bytes([rate_percent % 256, round(pulse_s * 100.0)]))
 
 

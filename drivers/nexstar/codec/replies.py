@@ -64,7 +64,7 @@ def pair_from_text(text: bytes) -> WirePair:
     """
     match = _PAIR.fullmatch(text)
     if match is None:
-        raise Unreadable(f"{text!r} is no pair of angles")
+        raise Unreadable(f"{text!r} is not a pair of angles")
     long = match[1] is not None
     first, second = (match[1], match[2]) if long else (match[3], match[4])
     turn = 2**32 if long else 2**16
@@ -176,7 +176,7 @@ def tracking(handset: Handset) -> Callable[[bytes], Tracking]:
         try:
             return handset.mode(payload[0])
         except (ValueError, IndexError) as cause:
-            raise Unreadable(f"{payload!r} is no tracking mode") from cause
+            raise Unreadable(f"{payload!r} is not a tracking mode") from cause
 
     return understand
 
@@ -194,7 +194,7 @@ def pair(short: bool) -> Callable[[bytes, bool], Read[WirePair] | None]:
         start = _past_owed(buffer, 0)
         text = buffer[start : start + length]
         if not begins_a_pair(text, short=short):
-            raise Unreadable(f"{buffer!r} is no pair of angles")
+            raise Unreadable(f"{buffer!r} is not a pair of angles")
         end = start + length
         if len(buffer) <= end:
             return None
@@ -226,7 +226,7 @@ def version(buffer: bytes, final: bool) -> Read[Version] | None:
         return Read(Version(buffer[0], buffer[1]), _past_owed(buffer, 3))
     # SynScan: three numbers of two hex digits each [NexStar V]
     if any(byte not in b"0123456789ABCDEF" for byte in buffer[:6]) or (len(buffer) > 6 and buffer[6] != _END):
-        raise Unreadable(f"{buffer!r} is no version")
+        raise Unreadable(f"{buffer!r} is not a version")
     if len(buffer) < 7:
         return None
     major, minor, build = (int(buffer[at : at + 2], 16) for at in (0, 2, 4))
@@ -247,7 +247,7 @@ def echoed(letter: bytes) -> Callable[[bytes, bool], Read[None] | None]:
             elif byte in ECHOES and buffer[start + 1 : start + 2] in (b"#", b""):
                 start += 2
             else:
-                raise Unreadable(f"{buffer!r} is no echo of {letter!r}")
+                raise Unreadable(f"{buffer!r} is not an echo of {letter!r}")
         return None
 
     return read

@@ -49,7 +49,7 @@ def _angle(packed: bytes, largest_deg: int) -> float:
     degrees, minutes, seconds, sign = packed
     total = degrees * 3600 + minutes * 60 + seconds
     if minutes > 59 or seconds > 59 or sign > 1 or total > largest_deg * 3600:
-        raise Unreadable(f"{packed!r} is no angle up to {largest_deg} degrees")
+        raise Unreadable(f"{packed!r} is not an angle up to {largest_deg} degrees")
     return -total / 3600.0 if sign else total / 3600.0
 
 
@@ -69,7 +69,7 @@ def site_from_bytes(packed: bytes) -> WireSite:
         If there are not eight bytes or a field is out of range.
     """
     if len(packed) != 8:
-        raise Unreadable(f"{packed!r} is no site")
+        raise Unreadable(f"{packed!r} is not a site")
     return WireSite(_angle(packed[:4], 90), _angle(packed[4:], 180))
 
 
@@ -102,7 +102,7 @@ def fine_time_from_bytes(packed: bytes) -> WireTime:
 
 def _time(packed: bytes, zone_steps: int) -> WireTime:
     if len(packed) != 8:
-        raise Unreadable(f"{packed!r} is no time")
+        raise Unreadable(f"{packed!r} is not a time")
     hour, minute, second, month, day, year, zone, saving = packed
     zone_h = (zone - 256 if zone > 127 else zone) / zone_steps
     if not _WEST_H <= zone_h <= _EAST_H or saving > 1:
@@ -110,7 +110,7 @@ def _time(packed: bytes, zone_steps: int) -> WireTime:
     try:
         local = datetime(2000 + year, month, day, hour, minute, second)
     except ValueError as cause:
-        raise Unreadable(f"{packed!r} is no time: {cause}") from cause
+        raise Unreadable(f"{packed!r} is not a time: {cause}") from cause
     return WireTime(local, zone_h, saving == 1)
 
 
@@ -124,7 +124,7 @@ def time_to_bytes(time: WireTime, *, fine: bool = False) -> bytes:
     """
     local, zone = time.local, time.zone_h * (4 if fine else 1)
     if not 2000 <= local.year <= 2255 or not _WEST_H <= time.zone_h <= _EAST_H or zone != round(zone):
-        raise ValueError(f"{time} can't be said on this wire")
+        raise ValueError(f"{time} can't be encoded in this protocol")
     shown = (local.hour, local.minute, local.second, local.month, local.day, local.year - 2000)
     return bytes([*shown, round(zone) % 256, int(time.daylight_saving)])
 

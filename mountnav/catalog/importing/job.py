@@ -76,7 +76,7 @@ def require_room(folder: Path, stars: int, stars_in: int) -> None:
         Tells how much is needed and how much there is.
     """
     if (told := shortage(folder, stars, stars_in)) is not None:
-        raise BadSettings(f"there isn't room enough: {told}", device=str(folder), advice=ADVICE)
+        raise BadSettings(f"there is not enough room: {told}", device=str(folder), advice=ADVICE)
 
 
 def shortage(folder: Path, stars: float, stars_in: int) -> str | None:
@@ -282,13 +282,13 @@ class _Import:
     def _run(self, spool: Spool, path: Path) -> Imported:
         resumed = len(spool.done)
         if resumed:
-            self._note(f"resuming: {resumed} of {len(self._parts)} parts are in")
+            self._note(f"resuming: {resumed} of {len(self._parts)} parts are imported")
         self._require_room(spool)
         self._read(spool)
         if spool.count == 0:
             spool.discard()
             raise BadRequest(
-                f"no star of {self._order.source} is left: {self._order.selection or 'it holds none'}",
+                f"no star of {self._order.source} remains: {self._order.selection or 'it holds none'}",
                 advice="choose more of it",
             )
         for told in self._reader.notes() if isinstance(self._reader, KeepsNotes) else ():
@@ -319,9 +319,9 @@ class _Import:
         spool = Spool.open(folder, facts)
         why = None if earlier is None else record.contradicts(earlier, spool.done)
         if earlier is None and spool.done:
-            why = "it isn't known what the parts that are in were made of"
+            why = "it is not known what the imported parts were made from"
         if why is not None:
-            self._note(f"beginning again: {why}")
+            self._note(f"starting over: {why}")
             if spool.done:
                 spool.discard()
                 spool = Spool.open(folder, facts)
@@ -362,20 +362,20 @@ class _Import:
             raise BadCatalog(
                 f"can't be read: {refused.strerror or refused}",
                 device=str(part.path),
-                advice="check disk and cable; the parts that are in are kept, the same command goes on",
+                advice="check disk and cable; the imported parts are kept, the same command continues",
             ) from refused
         if after != before:
             raise BadCatalog(
                 "was changed while it was read",
                 device=str(part.path),
-                advice="run the import again when nothing writes there any more",
+                advice="run the import again when nothing writes there",
             )
 
     def _checked(self, ready: Path, count: int) -> int:
         self._tell(stage="checking", share=0.0)
         store = PackedStore(ready)
         if len(store) != count:
-            raise BadCatalog(f"{len(store)} stars were written, and {count} were read", device=str(ready))
+            raise BadCatalog(f"{len(store)} stars were written, but {count} were read", device=str(ready))
         store.verify(progress=lambda share: self._tell(share=_SHARE_OF_VERIFYING * share))
         compared = compare_with_source(store, self._reader, self._parts, self._order.selection)
         self._tell(share=1.0)
@@ -418,7 +418,7 @@ def _wanted_parts(reader: Reader, order: ImportOrder) -> list[Part]:
         parts = [part for part in parts if order.selection.wants_some_of(reader.dec_range_deg(part))]
     if not parts:
         raise BadCatalog(
-            f"holds no part that is wanted ({order.selection or 'all of it'})",
+            f"holds nothing of what was asked for ({order.selection or 'all of it'})",
             device=str(order.source),
             advice="check the path, or choose more of it",
         )
@@ -441,11 +441,11 @@ def _shortened(text: str) -> str:
 
 def _refused(refused: OSError, unfinished: Path) -> BadSettings:
     if refused.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        advice = f"the parts that are in are kept, and the same command goes on; {ADVICE}"
+        advice = f"the imported parts are kept, and the same command continues; {ADVICE}"
     elif refused.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
         advice = "check the rights, or name another folder with --folder"
     else:
-        advice = "check disk and cable; the parts that are in are kept, and the same command goes on"
+        advice = "check disk and cable; the imported parts are kept, and the same command continues"
     return BadSettings(
         f"the import ended: {refused.strerror or refused}",
         device=str(refused.filename or unfinished),

@@ -295,9 +295,9 @@ class ImportRecord:
             return f"the earlier run read another catalog: {earlier.made_from}"
         for name in sorted(done):
             if name not in self.parts:
-                return f"{name}, which is in, is no longer there"
+                return f"the file of {name}, which was imported, is no longer there"
             if self.parts[name] != tuple(earlier.parts.get(name, ())):
-                return f"the file of {name}, which is in, is another now"
+                return f"the file of {name}, which was imported, has changed"
         return None
 
     def write(self, folder: Path) -> None:

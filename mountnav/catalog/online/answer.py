@@ -96,7 +96,9 @@ def columns_of(got: Got, *, asked_rows: int) -> tuple[Column, ...]:
         if got.status >= 400:
             raise NotAnswered(f"HTTP status {got.status}{_said(start, got)}")
         what = (
-            "a web page" if _HTML.search(start) else f"no VOTable ({quoted(got.content_type) or 'no type'})"
+            "a web page"
+            if _HTML.search(start)
+            else f"not a VOTable ({quoted(got.content_type) or 'no type'})"
         )
         raise Unusable(f"its answer is {what}{_said(start, got)}")
     if b"<!ENTITY" in start:
@@ -327,9 +329,9 @@ def roles_of(columns: Sequence[Column], source: OnlineSource) -> Roles:
             frames = [by_name[name]] if role == "ra" else frames
     for role in ("ra", "dec", "mag"):
         if role not in values:
-            raise Unusable(f'can\'t tell the column of {role}: set columns = {{{role} = "..."}}')
+            raise Unusable(f'can\'t determine the column of {role}: set columns = {{{role} = "..."}}')
     if not band:
-        raise Unusable("can't tell the band of the magnitudes: set band")
+        raise Unusable("can't determine the band of the magnitudes: set band")
     for frame in (one.frame for one in frames):
         if frame.lower() not in _FRAMES:
             raise Unusable(f"positions are in {quoted(frame)}, not ICRS: use another table or columns")
@@ -350,7 +352,7 @@ def _epoch_yr(source: OnlineSource, positions: list[Column]) -> float:
         return source.known.epoch_yr
     told = {one.epoch_yr for one in positions if one.epoch_yr is not None}
     if len(told) != 1:
-        raise Unusable("can't tell the epoch of its positions: set epoch_yr")
+        raise Unusable("can't determine the epoch of its positions: set epoch_yr")
     return float(told.pop())
 
 
@@ -377,14 +379,14 @@ def _magnitude(columns: Sequence[Column], band: str | None) -> tuple[str, Array]
         if found:
             return one, _in_unit("mag", found[0], "")
     what = f"a magnitude of band {band}" if band else "the magnitude"
-    raise Unusable(f'can\'t tell the column of {what}: set columns = {{mag = "..."}} and band')
+    raise Unusable(f'can\'t determine the column of {what}: set columns = {{mag = "..."}} and band')
 
 
 def _require_true_angle(column: Column) -> None:
     """A proper motion in RA is used only if it is sure to be one on the sphere, with cos δ."""
     if not re.search(r"cos|\*", f"{column.name} {column.description}", re.IGNORECASE):
         raise Unusable(
-            f"can't tell whether {column.name} is multiplied by cos(Dec): "
+            f"can't determine whether {column.name} is multiplied by cos(Dec): "
             f'set columns = {{pm_ra = "{column.name}"}} if it is, {{pm_ra = "", pm_dec = ""}} if not'
         )
 
@@ -404,7 +406,7 @@ def _in_unit(role: str, column: Column, given: str) -> Array:
         return np.asarray(column.values, dtype=np.float64)
     scale = _scale(unit, wanted)
     if scale is None:
-        raise Unusable(f"column {column.name} is in {quoted(unit)}, which is no {wanted}")
+        raise Unusable(f"column {column.name} is in {quoted(unit)}, which is not in {wanted}")
     return np.asarray(column.values * scale, dtype=np.float64)
 
 

@@ -305,7 +305,7 @@ def _followed(asked: str, location: str) -> str:
         target = urljoin(asked, location)
         old, new = urlsplit(asked), urlsplit(target)
     except ValueError as fault:  # http://[
-        raise Unusable(f"it redirects to what is no address: {quoted(location)}") from fault
+        raise Unusable(f"it redirects to what is not an address: {quoted(location)}") from fault
     is_upgrade = old.scheme == "http" and new.scheme == "https" and new.hostname == old.hostname
     if not is_upgrade and (new.scheme, new.netloc) != (old.scheme, old.netloc):
         raise Unusable(f"it redirects to another server, {quoted(new.hostname or location)}: configure that")

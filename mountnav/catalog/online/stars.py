@@ -80,7 +80,7 @@ def stars_of(roles: Roles, source: OnlineSource, circle: Circle) -> Received:
     if missing > LARGEST_SHARE_WITHOUT_PLACE * placed.size:
         raise Unusable(f"{missing} of its {placed.size} rows have no position")
     if np.any((ra[placed] < 0.0) | (ra[placed] > 360.0) | (np.abs(dec[placed]) > 90.0)):
-        raise Unusable("its positions are no RA and Dec in degrees")
+        raise Unusable("its positions are not RA and Dec in degrees")
     _require_near(ra[placed], dec[placed], circle)
     stars = _columns(roles, source)
     _, first = np.unique(

@@ -45,7 +45,7 @@ _ALIGNMENT_BYTES = 64
 """The colors begin at a multiple of it: the form of the file."""
 _LONGEST_HEADER_BYTES = 4096
 """A longer header is a damaged file; chosen by hand, well above what is written."""
-_ADVICE = "install mountnav again, build the file again (tools/README.md), or remove it and have no colors"
+_ADVICE = "reinstall mountnav, build the file again (tools/README.md), or remove it and have no colors"
 
 
 @dataclass(frozen=True, slots=True)

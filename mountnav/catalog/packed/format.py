@@ -268,7 +268,7 @@ def malformed(file: str, offset: int, expected: str, found: str) -> BadCatalog:
     return BadCatalog(
         f"at byte {offset}: expected {expected}, found {found}",
         device=file,
-        advice="the file is damaged or no packed catalog: copy it again, or import or build it again",
+        advice="the file is damaged or not a packed catalog: copy it again, or import or build it again",
     )
 
 

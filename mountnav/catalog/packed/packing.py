@@ -423,7 +423,7 @@ class PackedWriter:
         content = values.tobytes()
         at, length = self._layout[section]
         if self._written[section] + len(content) > length:
-            raise ValueError(f"section {section} is larger than was said")
+            raise ValueError(f"section {section} is larger than announced")
         try:
             self._file.seek(HEADER_BYTES + at + self._written[section])
             self._file.write(content)

@@ -636,7 +636,7 @@ def _remove_parts(folder: Path) -> None:
 
 def _cannot(refused: OSError, folder: Path) -> BadSettings:
     return BadSettings(
-        f"the stars on their way can't be kept: {refused.strerror or refused}",
+        f"the stars can't be stored during the import: {refused.strerror or refused}",
         device=str(folder),
         advice="free room there (41 bytes a star, and 18 for the packed file), or check the folder's rights",
     )

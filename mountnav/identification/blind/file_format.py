@@ -169,7 +169,7 @@ def decode_header(start: bytes, *, file: str) -> tuple[Header, int]:
 
 def damaged(file: str, what: str) -> BadSettings:
     """The error that says what is wrong with an index file, to be raised by the caller."""
-    return BadSettings(what, device=file, advice="build it anew: mountnav catalog index --force")
+    return BadSettings(what, device=file, advice="build it again: mountnav catalog index --force")
 
 
 def stepped(code: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -233,7 +233,7 @@ def build_darks(bench: BuildContext, files: Sequence[RawFile]) -> None:
     without = next((file for file in files if not file.facts.exposure_s), None)
     if without is not None:
         raise BadFrame(
-            "its header tells no exposure time, or zero",
+            "its header gives no exposure time, or zero",
             device=without.name,
             advice="a dark needs EXPTIME; a frame of no exposure is a bias (--bias)",
         )
@@ -464,7 +464,7 @@ def build_from_lights(bench: BuildContext, files: Sequence[RawFile], zero_adu: f
             sheet[rows] = found.response_rows(rows.start, rows.stop)
         if float(sheet.min()) < _LEAST_RESPONSE:
             raise BadFrame(
-                "the sky of the light frames falls to nothing at a corner",
+                "the sky of the light frames falls to zero at a corner",
                 device=group[0].name,
                 advice="use real flats, or check the zero level",
             )
@@ -490,7 +490,7 @@ def _without_zero(
 ) -> tuple[Frame, tuple[str, ...]]:
     """Take what is no light off a light frame, by masters as far as they fit; give their names too."""
     if "F" in steps_done(file.header):
-        raise BadFrame("it was divided by a flat already", device=file.name, advice="give raw frames")
+        raise BadFrame("it was already divided by a flat", device=file.name, advice="give raw frames")
     raw = Frame(
         pixels=file.rows(0, file.facts.height_px),
         source=file.name,

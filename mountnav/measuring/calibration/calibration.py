@@ -226,7 +226,9 @@ class Calibration:
             A master is damaged.
         """
         if not folder.is_dir():
-            raise BadRequest(f"{folder} is no folder", advice="build masters with `mountnav calibrate build`")
+            raise BadRequest(
+                f"{folder} is not a folder", advice="build masters with `mountnav calibrate build`"
+            )
         masters = masters_in(folder)
         if not masters:
             raise BadRequest(
@@ -347,7 +349,7 @@ class Calibration:
                 if (lacking := unknown_beside_known(facts, master.facts)) is not None:
                     name, value, of_master = lacking
                     whose, silent = (master.name, "the frame") if of_master else ("the frame", master.name)
-                    warnings.append(f"{silent} doesn't tell its {name}; {whose} says {value}: taken as alike")
+                    warnings.append(f"{silent} doesn't give its {name}; {whose} says {value}: taken as alike")
 
         def of(kind: Kind) -> list[Master]:
             some = [one for one in fitting if one.kind is kind]
@@ -358,11 +360,11 @@ class Calibration:
         bias = dark = flat = bad = None
         factor = 1.0
         if "D" in done:
-            not_applied.append("dark: the frame says it is done already")
+            not_applied.append("dark: the frame says that it was already applied")
         else:
             dark, factor = self._dark(facts, of(Kind.DARK), "B" in done, not_applied, warnings)
         if "B" in done:
-            not_applied.append("bias: the frame says it is done already")
+            not_applied.append("bias: the frame says that it was already applied")
         elif dark is not None and not dark.zero_free:
             pass  # the dark takes the bias with it
         elif biases := of(Kind.BIAS):
@@ -371,7 +373,7 @@ class Calibration:
             not_applied.append("dark: it is free of the bias, and no bias fits")
             dark = None
         if "F" in done:
-            not_applied.append("flat: the frame says it is done already")
+            not_applied.append("flat: the frame says that it was already applied")
         else:
             flat = self._flat(facts, of(Kind.FLAT), not_applied, warnings)
             if flat is not None and bias is None and dark is None and "B" not in done:
@@ -477,7 +479,7 @@ def _spoilt(frame: Frame) -> str | None:
         bits = frame.header.get("BITPIX")
         planes = frame.header.get("NAXIS3")
         if isinstance(planes, int) and planes > 1:
-            return "the frame's colors were made already: raw frames are needed"
+            return "the frame's colors were already interpolated: raw frames are needed"
         pattern = setup_from_header(frame.header, frame.width_px, frame.height_px).pattern
         if isinstance(bits, int) and bits > 0 and pattern is not None and "MNBIAS" not in frame.header:
             return "the frame's color mosaic was smoothed already: read it with raw=True"

@@ -223,7 +223,7 @@ def require_alike(files: Sequence[RawFile], kind: Kind) -> list[str]:
             lights.append(file.name)
         elif said is not None and said is not kind:
             raise BadFrame(
-                f"its header calls it a {said}, and it is given as a {kind}",
+                f"its header calls it a {said}, but it was given as a {kind}",
                 device=file.name,
                 advice=f"leave it out, or give it with --{said}",
             )
@@ -260,7 +260,7 @@ def require_all_known(files: Sequence[RawFile]) -> None:
         field = ASSUMABLE.get(name)
         count = sum(field is not None and getattr(one.facts, field) is None for one in files) or 1
         raise BadRequest(
-            f"its header doesn't tell its {name}, as {count} of the {len(files)} frames"
+            f"its header doesn't give its {name}, as {count} of the {len(files)} frames"
             f" ({knowing.name} says {value})",
             device=silent.name,
             advice=f"if it is the same say so: --assume {name}={value.replace('×', 'x')}"
@@ -358,7 +358,7 @@ def require_one_level(files: Sequence[RawFile], seen: Sequence[Inspection], kind
             raise BadFrame(
                 f"its level is {level:.0f} ADU, the other {kind} frames have {middle:.0f}",
                 device=file.name,
-                advice="light leak, or another setting? leave it out",
+                advice="light leak, or another setting? leave the frame out",
             )
 
 

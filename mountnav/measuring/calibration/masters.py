@@ -186,7 +186,7 @@ def read_master(path: Path) -> Master | None:
             if path.name.partition("_")[0] not in {str(kind.value) for kind in Kind}:
                 return None
             raise BadFrame(
-                f"this has a master's name, and can't be read: {fault}",
+                f"the file has a master's name, but can't be read: {fault}",
                 device=str(path),
                 advice="build it again, or take it out of the folder",
             ) from fault

@@ -238,7 +238,7 @@ def _unpacked_numbers(plain: Path, number: int, label: str) -> NDArray[np.generi
         content = OnDisk(file)
         found = walk(content, label)
         if number >= len(found) or not found[number].tiled:
-            raise BadFrame("its compressed image can't be told from its header", device=label)
+            raise BadFrame("its header does not describe its compressed image", device=label)
         check_size(found[number], label)
         return np.ascontiguousarray(unpacked_tiles(content, found[number], label))
 
@@ -250,7 +250,7 @@ def _image(hdus: fits.HDUList, label: str) -> fits.PrimaryHDU:
     best = max(images, key=lambda hdu: int(np.prod(hdu.shape[-2:])))
     if int(np.prod(best.shape[:-2], dtype=np.int64)) != 1:
         raise BadFrame(
-            f"the image has {best.shape[0]} planes: its colors were made already",
+            f"the image has {best.shape[0]} planes: its colors were already interpolated",
             device=label,
             advice="calibrate with the camera's raw frames",
         )

@@ -90,7 +90,7 @@ def diagnose(
         An instant is naive or outside 1972 to 2099, or `expected_parity` is neither 1 nor -1.
     """
     if expected_parity not in (None, 1, -1):
-        raise BadRequest(f"expected_parity = {expected_parity}", advice="1 as the sky is seen, -1 mirrored")
+        raise BadRequest(f"expected_parity = {expected_parity}", advice="1 not mirrored, -1 mirrored")
     kind = believed_epoch == "apparent"
     counted = tuple(
         sorted(

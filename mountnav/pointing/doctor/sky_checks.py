@@ -31,7 +31,7 @@ from mountnav.sky.coordinates import SOLAR_TO_SIDEREAL, Site
 __all__ = ["BELOW_DEG", "SkyCheck", "check_sky"]
 
 
-_WORDS = {1: "as the sky is seen", -1: "mirrored"}
+_WORDS = {1: "not mirrored", -1: "mirrored"}
 
 
 def mirror_findings(observations: Sequence[PointingObservation], expected: int | None) -> list[Finding]:

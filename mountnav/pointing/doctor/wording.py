@@ -77,7 +77,7 @@ def shape_finding(
             rivals = tuple({Illness.CLOCK, Illness.LONGITUDE_SIGN} - {what})
         case Illness.HEMISPHERE:
             numbers = {"latitude": Measured(case.site.latitude_deg, None, "deg")}
-            words = "both axes count the other way: the mount believes to stand in the other hemisphere."
+            words = "both axes count the other way: the mount believes that it is in the other hemisphere."
             advice = f"set the mount's latitude to {case.site.latitude_deg:+.2f}° (mind the sign), then sync"
         case _:
             numbers = _scatter(facts)
@@ -94,7 +94,7 @@ def _altaz_turn(case: Case, best: Shape) -> tuple[dict[str, Measured], str, str]
     words = (
         f"the sky is turned about the pole by {degrees:+.2f}°: the mount's clock is {_ahead(seconds)}"
         + (f", {_hours(best.at)}" if best.at else "")
-        + f" or it believes to stand at longitude {longitude}"
+        + f" or it believes that it is at longitude {longitude}"
         + ("." if best.at else ", the sign of its longitude is wrong.")
     )
     return {"clock": seconds, "longitude": longitude}, words, _ADVICE[best.illness]
@@ -218,7 +218,8 @@ def turn_finding(case: Case, weighed: Sequence[Turn], points: Sequence[ZeroPoint
     if what is Illness.LONGITUDE_SIGN:
         words = (
             f"hour angles are off by {turn}, minus twice the longitude ({case.site.longitude_deg:+.2f}°)"
-            f": the mount believes to stand at {longitude}, the sign of its longitude is wrong (or its clock "
+            f": the mount believes that it is at {longitude}, the sign of its "
+            "longitude is wrong (or its clock "
             f"is {_ahead(seconds)})."
         )
         rivals += [one for one in (Illness.CLOCK,) if one not in rivals]
@@ -226,7 +227,7 @@ def turn_finding(case: Case, weighed: Sequence[Turn], points: Sequence[ZeroPoint
         hours = f": {_hours(best.hours)}" if best.illness is Illness.CLOCK else ""
         words = (
             f"hour angles are off by {turn} and declinations are not: the mount's clock is "
-            f"{_ahead(seconds)}{hours}, or it believes to stand at longitude {longitude}; "
+            f"{_ahead(seconds)}{hours}, or it believes that it is at longitude {longitude}; "
             "looks can't tell which."
         )
         rivals += [one for one in (Illness.LONGITUDE,) if one not in rivals]
@@ -266,9 +267,9 @@ def side_finding(case: Case) -> Finding | None:
         return None
     against = max(1.0 - check.probability_wrong, 1e-12)
     ids = tuple(case.facts.look_ids[one] for one in check.looks)
-    advice = "limits and flips rest on it: stop, look where the tube hangs, then home or unpark again"
+    advice = "limits and flips rest on it: stop, look which side the tube is on, then home or unpark again"
     if check.swapped:
-        words = "the sides are reported the wrong way round: the tube hangs east where the mount says west."
+        words = "the sides are reported the wrong way round: the tube is east where the mount says west."
         return Finding(Illness.PIER_SIDE, 1.0 - against, 1.0 / against, {}, words, advice, (), ids)
     assert check.jump_deg is not None
     jump = Measured(check.jump_deg, check.jump_sigma_deg, "deg")

@@ -109,11 +109,9 @@ class Limits:
         for name in ("hour_angle_deg", "declination_deg", "first_axis_deg", "second_axis_deg", "rate_ratio"):
             pair = getattr(self, name)
             if pair is not None and not pair[0] < pair[1]:
-                raise BadSettings(
-                    f"{name} = {pair} leaves nothing between", advice="give the lower one first"
-                )
+                raise BadSettings(f"{name} = {pair} leaves no range", advice="give the lower one first")
         if self.rate_ratio is not None and not self.rate_ratio[0] > 0.0:
-            raise BadSettings(f"rate_ratio = {self.rate_ratio} is no ratio of rates", advice="> 0")
+            raise BadSettings(f"rate_ratio = {self.rate_ratio} is not a ratio of rates", advice="> 0")
         for name in ("sun_cone_deg", "moon_cone_deg", "margin_deg", "slew_takes_s", "track_for_s"):
             if getattr(self, name) < 0.0:
                 raise BadSettings(f"{name} = {getattr(self, name)} is negative", advice=">= 0")
@@ -244,4 +242,4 @@ def _check_numbers(name: str, value: object) -> None:
     numbers = value if isinstance(value, tuple) else (value,)
     for number in numbers:
         if not isinstance(number, int | float) or isinstance(number, bool) or not math.isfinite(number):
-            raise BadSettings(f"{name} = {value!r} is no number")
+            raise BadSettings(f"{name} = {value!r} is not a number")

@@ -61,7 +61,7 @@ class Horizon:
         for az_deg, alt_deg in self.points_deg:
             if not (-360.0 <= az_deg <= 360.0 and -90.0 <= alt_deg <= 90.0):
                 raise BadSettings(
-                    f"{self.name}: azimuth {az_deg}°, altitude {alt_deg}° is no point of a horizon",
+                    f"{self.name}: azimuth {az_deg}°, altitude {alt_deg}° is not a point of a horizon",
                     advice="azimuth 0 to 360 (north through east) first, then altitude -90 to 90",
                 )
         points = _by_azimuth(self.points_deg)
@@ -109,11 +109,11 @@ class Horizon:
                 az_deg, alt_deg = (float(word) for word in re.split(r"[\s,;]+", words))
             except ValueError as error:
                 raise BadSettings(
-                    f"{name}, line {number}: {line.strip()!r} is no azimuth and altitude",
+                    f"{name}, line {number}: {line.strip()!r} is not an azimuth and altitude",
                     advice='write two numbers in degrees, with a decimal point, such as "123.5 17.0"',
                 ) from error
             if not (math.isfinite(az_deg) and math.isfinite(alt_deg)):
-                raise BadSettings(f"{name}, line {number}: {line.strip()!r} is no point of a horizon")
+                raise BadSettings(f"{name}, line {number}: {line.strip()!r} is not a point of a horizon")
             points.append((az_deg, alt_deg))
         return cls(tuple(points), name)
 

@@ -186,7 +186,9 @@ def judge(
         against.append(f"it is no better than {called} beyond chance ({by_chance:.0%})")
     if fresh is not None:
         if len(fresh) < LEAST_FRESH:
-            raise BadRequest(f"{len(fresh)} fresh points are no check", advice="take 3 to 5 of them")
+            raise BadRequest(
+                f"{len(fresh)} fresh points are too few for a check", advice="take 3 to 5 of them"
+            )
         chance = _chance(fitted, _renamed(fresh, fitted))
         if chance < CHANCE_OF_3_SIGMA:
             against.append(

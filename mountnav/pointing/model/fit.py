@@ -211,7 +211,8 @@ def _untold(best: _Fitted, result: Fit, max_sigma_arcsec: float) -> tuple[str, M
     for k, name in enumerate(result.terms[2:], start=2):
         if best.fit.linear.independence[best.fit.geometry[k - 2]] < _LEAST_INDEPENDENCE:
             return name, ModelRefused(
-                f"the points can't tell {name} from the other terms (condition {result.condition:.0f})",
+                f"the points can't distinguish {name} from the other terms "
+                f"(condition {result.condition:.0f})",
                 advice=f"leave out {name}, or take points over a wider range of both axes and on both sides",
             )
         if not result.sigma_arcsec[k] <= max_sigma_arcsec:

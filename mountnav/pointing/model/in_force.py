@@ -208,7 +208,7 @@ class ModelInForce:
             raise ModelRefused(
                 f"the pointing model {model.id} was made at latitude {model.site_latitude_deg:.3f}°, "
                 f"the site is at {site.latitude_deg:.3f}°",
-                advice="make a model here; if the telescope never moved, put the site right",
+                advice="make a model here; if the telescope never moved, correct the site",
             )
         if model.does_refraction != does_refraction:
             was, now = ("itself", "doesn't") if model.does_refraction else ("not at all", "does")
@@ -358,8 +358,8 @@ class ModelInForce:
         if not axes.reached[0]:
             raise ModelRefused(
                 f"no position of the axes looks at {target.ra_deg:.4f}°, {target.dec_deg:+.4f}°: "
-                "the tube's lean keeps it from the mount's own pole",
-                advice="choose a place farther from the pole, or switch the model off for it",
+                "its collimation error keeps it from the mount's own pole",
+                advice="choose a position farther from the pole, or switch the model off for it",
             )
         self._refuse_pole(float(axes.lat_rad[0]), target, near=bool(axes.near_pole[0]))
         return float(axes.lon_rad[0]), float(axes.lat_rad[0])
@@ -368,8 +368,8 @@ class ModelInForce:
         if near if near is not None else abs(math.cos(lat_rad)) < math.sin(POLE_AVOIDED_RAD):
             raise ModelRefused(
                 f"{place.ra_deg:.4f}°, {place.dec_deg:+.4f}° is within 1.2′ of the mount's own pole, "
-                "where the angle of its axis means nothing",
-                advice="choose a place farther from the pole, or switch the model off for it",
+                "where the angle of its axis is undefined",
+                advice="choose a position farther from the pole, or switch the model off for it",
             )
 
     def _told(self, look: PointingObservation) -> tuple[Array, Array]:

@@ -78,7 +78,7 @@ class PointingModel:
 
     def __post_init__(self) -> None:
         if self.kind not in ("equatorial", "altaz"):
-            raise BadRequest(f"{self.kind!r} is no kind of pointing model", advice="equatorial or altaz")
+            raise BadRequest(f"{self.kind!r} is not a kind of pointing model", advice="equatorial or altaz")
         k = len(self.terms)
         if self.terms[:2] != ZERO_POINTS[self.kind] or len(set(self.terms)) != k:
             raise BadRequest(
@@ -93,9 +93,9 @@ class PointingModel:
         if rows != (k, k, k) or any(len(row) != k for row in self.covariance_arcsec2):
             raise BadRequest(f"{k} terms need as many coefficients, sigmas and rows of the covariance")
         if not all(math.isfinite(one) for one in numbers) or min(self.sigma_arcsec, default=0.0) < 0.0:
-            raise BadRequest("a coefficient, sigma or covariance of the model is no number")
+            raise BadRequest("a coefficient, sigma or covariance of the model is not a number")
         if not -90.0 <= self.site_latitude_deg <= 90.0 or self.made_utc.utcoffset() is None:
-            raise BadRequest("the model's latitude is none, or its date doesn't say its time zone")
+            raise BadRequest("the model's latitude is invalid, or its date has no time zone")
         if k and float(np.min(np.linalg.eigvalsh(self.covariance))) < -1e-6 * (
             1.0 + float(np.max(np.abs(self.covariance)))
         ):
@@ -144,7 +144,7 @@ class PointingModel:
             record = json_of(text)
             if not isinstance(record, dict) or record.pop("format", None) != FORMAT:
                 raise BadRequest(
-                    f"{name} is no pointing model of mountnav", advice="`mountnav model import` it"
+                    f"{name} is not a pointing model of mountnav", advice="`mountnav model import` it"
                 )
             if (version := record.pop("version", None)) != VERSION:
                 raise BadRequest(f"{name} is of version {version}", advice="get a newer mountnav")
@@ -152,7 +152,7 @@ class PointingModel:
         except BadRequest as cause:
             raise BadRequest(f"{name}: {cause.what}", advice=cause.advice) from cause
         except (ValueError, TypeError, KeyError) as cause:
-            raise BadRequest(f"{name} is no pointing model: {cause}") from cause
+            raise BadRequest(f"{name} is not a pointing model: {cause}") from cause
 
     @classmethod
     def load(cls, path: Path) -> PointingModel:

@@ -205,7 +205,7 @@ def step(
 
 def _not_independent(names: tuple[str, ...]) -> ModelRefused:
     return ModelRefused(
-        f"the points can't tell the terms {', '.join(names)} apart",
+        f"the points can't distinguish the terms {', '.join(names)}",
         advice="take points over a wider range of both axes, or fewer terms",
     )
 

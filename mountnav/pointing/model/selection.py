@@ -347,7 +347,7 @@ def select(
     if leans and skew not in search.fit.names:
         refused = (
             *refused,
-            (skew, f"the points can't tell it from {CORE[m.kind][2]}, which stands for both"),
+            (skew, f"the points can't distinguish it from {CORE[m.kind][2]}, which stands for both"),
         )
     search.prune()
     if search.steps and not search.steps[-1].added:
@@ -373,7 +373,7 @@ def _core(m: Mechanical) -> tuple[RobustFit, tuple[tuple[str, str], ...]]:
         told = fit.linear.independence[fit.geometry]
         weakest = int(np.argmin(told))
         if told[weakest] < MIN_INDEPENDENCE:
-            refused.append((more[weakest], "the points can't tell it from the other terms"))
+            refused.append((more[weakest], "the points can't distinguish it from the other terms"))
         elif not loss_ratio(m, fit, best) < 1.0:
             loo = loo_arcsec(m, fit)
             refused.append((", ".join(more), f"left out, points are predicted to {loo:.1f}″ with it"))

@@ -208,7 +208,7 @@ def term(kind: Kind, name: str) -> Term:
             "HHSH2, HHCH2, HDSH2, HDSD2, HXSH2CD" if kind == "equatorial" else "HASA2, HVCA2, HZSA3, HZSE2"
         )
         raise BadRequest(
-            f"{name!r} is no term of an {kind} pointing model",
+            f"{name!r} is not a term of an {kind} pointing model",
             advice=f"known: {known}, and harmonics such as {waves}",
         )
     return found

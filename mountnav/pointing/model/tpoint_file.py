@@ -76,7 +76,7 @@ def read_observations_text(text: str, *, name: str = "file") -> Mechanical:
     if any(line.strip().startswith(":") for line in lines[1:]):
         return _tpoint(lines, name)
     raise BadRequest(
-        f"{name} is no file of PMFIT or TPOINT",
+        f"{name} is not a file of PMFIT or TPOINT",
         advice="the second line is E or A (PMFIT), or an option such as :EQUAT (TPOINT)",
     )
 
@@ -109,7 +109,7 @@ def _checked(kind: Kind, latitude_deg: float, rows: list[list[float]], name: str
     beyond = ~(np.abs(angles_deg) <= _MOST_ANGLE_DEG).all(axis=1)
     if beyond.any():
         number = int(np.argmax(beyond)) + 1
-        raise BadRequest(f"{name}: observation {number} of {len(rows)} holds an angle of no mount")
+        raise BadRequest(f"{name}: observation {number} of {len(rows)} has an impossible angle")
     return _observations(kind, latitude_deg, angles_deg)
 
 
@@ -156,11 +156,11 @@ def _tpoint(lines: list[str], name: str) -> Mechanical:
             )
         except ValueError as cause:
             raise BadRequest(
-                f"{name}, line {number}: {said!r} is no observation",
+                f"{name}, line {number}: {said!r} is not an observation",
                 advice="star h m s d m s, telescope h m s d m s, sidereal time h m (s)",
             ) from cause
     if latitude_deg is None:
-        raise BadRequest(f"{name} tells no latitude")
+        raise BadRequest(f"{name} gives no latitude")
     return _checked("equatorial", latitude_deg, rows, name)
 
 
@@ -219,7 +219,7 @@ def read_coefficients(text: str, *, name: str = "file") -> Coefficients:
             sigmas[read[2]] = float(read[4]) if read[4] is not None else 0.0
         except ValueError as cause:
             raise BadRequest(
-                f"{name}, line {number}: {line.strip()!r} is no term, or a term twice"
+                f"{name}, line {number}: {line.strip()!r} is not a term, or a term twice"
             ) from cause
     kind: Kind = "altaz" if any(one in ALTAZ and one not in EQUATORIAL for one in values) else "equatorial"
     unknown = [one for one in values if not _known(kind, one)]

@@ -175,7 +175,7 @@ class AlpacaProbe:
 
 
 def _no_constant(text: str) -> object:
-    raise AssertionError(f"{text} is no JSON")
+    raise AssertionError(f"{text} is not JSON")
 
 
 @dataclass

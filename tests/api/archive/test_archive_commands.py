@@ -108,9 +108,9 @@ def test_headers_are_written_for_other_programs(archive: Path, tmp_path: Path) -
         (("init", "new", "--frames", "none.csv"), "No such file"),
         (("init", "new", "--frames", "odd.csv"), "row 1, a.fits: "),
         (("init", "new", "--frames", "odd.txt"), "nothing fits the pattern"),
-        (("init", "new", "--frames", "odd.csv", "--undated", "soon"), "'soon' is no date"),
+        (("init", "new", "--frames", "odd.csv", "--undated", "soon"), "'soon' is not a date"),
         (("init", "new", "--frames", "odd.csv", "--deadline", "0.1"), "too short"),
-        (("work", "new", "--chunk", "3/2"), "'3/2' is no part"),
+        (("work", "new", "--chunk", "3/2"), "'3/2' is not a part"),
     ],
 )
 def test_bad_usage_is_one_line_and_changes_nothing(
@@ -129,7 +129,7 @@ def test_bad_usage_is_one_line_and_changes_nothing(
 def test_an_archive_that_is_not_there_is_told(tmp_path: Path) -> None:
     done = run_here("archive", "status", tmp_path / "none")
     assert done.returncode == 1
-    assert "is no archive" in done.stderr
+    assert "is not an archive" in done.stderr
 
 
 @pytest.mark.long

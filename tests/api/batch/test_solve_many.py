@@ -159,7 +159,7 @@ def test_rows_are_added_and_files_of_others_left_alone(folder: Path, tmp_path: P
     other.write_text("my,own,table\n1,2,3\n")
     done = run_here("solve", folder / "a.fits", f"--{kind}", other, *HINT)
     assert done.returncode == 2
-    assert "is there already and no file of such results" in done.stderr
+    assert "exists already and is not a file of such results" in done.stderr
     assert other.read_text() == "my,own,table\n1,2,3\n"
 
 
@@ -192,7 +192,7 @@ def test_what_has_no_header_is_told_and_fails(folder: Path) -> None:
     before = picture.read_bytes()
     done = run_here("solve", picture, "--update", *HINT)
     assert done.returncode == 1
-    assert "no FITS file" in done.stderr
+    assert "not a FITS file" in done.stderr
     assert picture.read_bytes() == before
 
 

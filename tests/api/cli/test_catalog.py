@@ -137,14 +137,14 @@ def test_ctrl_c_tells_how_to_go_on_and_the_same_command_goes_on(zones: Path, fol
     assert done.stdout == ""
     assert "Traceback" not in done.stderr
     *_, told, command = done.stderr.splitlines()
-    assert told == "interrupted: 3 of 5 parts are in and kept. The same command goes on:"
+    assert told == "interrupted: 3 of 5 parts are imported and kept. The same command continues:"
     assert command == f"  mountnav catalog import ucac4 {zones} --mag-limit 15"
     assert not (folder / "ucac4.mnc").exists()
     (row,) = [one for one in _json("list") if one["state"] == "unfinished"]
     assert row["slug"] == "ucac4"
     code, _, err = _ask(*command.split()[2:])
     assert code == 0
-    assert err.splitlines()[0] == "resuming: 3 of 5 parts are in"
+    assert err.splitlines()[0] == "resuming: 3 of 5 parts are imported"
 
 
 @pytest.mark.long

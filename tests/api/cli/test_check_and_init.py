@@ -85,8 +85,8 @@ def test_it_writes_over_nothing_and_asks_nobody_without_a_terminal(tmp_path: Pat
     ("flags", "words"),
     [
         (("--latitude", "95"), "a latitude of 95°"),
-        (("--longitude", "11:75"), "is no longitude"),
-        (("--longitude", "west"), "is no longitude"),
+        (("--longitude", "11:75"), "is not a longitude"),
+        (("--longitude", "west"), "is not a longitude"),
         (("--mount", "morse+serial:///dev/ttyUSB0"), ""),
         (("--mounting", "dobson"), "mounting"),
         (("--camera", 'a"b\\c\x01'), "control character"),

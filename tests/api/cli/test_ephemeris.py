@@ -97,7 +97,7 @@ def test_the_site_comes_from_the_settings(tmp_path: Path, folder: Path) -> None:
     assert "from -30.0000, 20.0000" in out
     with pytest.raises(BadSettings, match="from where"):
         run("show", "Mars")
-    with pytest.raises(BadRequest, match="no place of a telescope"):
+    with pytest.raises(BadRequest, match="not a possible site"):
         run("show", "Mars", "--site", "97", "0", "0")
     with pytest.raises(BadRequest, match="lines"):
         run("show", "Mars", *HERE, "--step-min", "0.01")

@@ -90,9 +90,9 @@ def test_the_same_faults_strike_every_family() -> None:
         ({"protocol": "lx200", "dialect": "morse"}, "there is: "),
         ({"protocol": "lx200", "tcp": "localhost:1", "udp": "localhost:2"}, "--tcp and --udp together"),
         ({"protocol": "lx200", "udp": "localhost:1", "baud": 9600}, "--udp has no speed"),
-        ({"protocol": "lx200", "udp": "localhost"}, "--udp localhost is no HOST:PORT"),
+        ({"protocol": "lx200", "udp": "localhost"}, "--udp localhost is not HOST:PORT"),
         ({"protocol": "lx200", "errors": Path("a"), "mechanics": Path("b")}, "--mechanics and --errors"),
-        ({"protocol": "lx200", "struck": Path("/there/is/none.toml")}, "/there/is is no folder"),
+        ({"protocol": "lx200", "struck": Path("/there/is/none.toml")}, "/there/is is not a folder"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(asked: dict[str, Any], told: str) -> None:
@@ -232,8 +232,8 @@ def test_a_recorded_mount_becomes_a_profile(
 def test_a_recording_of_another_protocol_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "said.jsonl"
     path.write_text('{"t": 0, "dir": "driver->mount", "hex": "3a4752"}\n')
-    with pytest.raises(BadSettings, match="no answer that tells who"):
+    with pytest.raises(BadSettings, match="no answer that identifies a"):
         serve_fake(FakeMountOptions(protocol="lx200", replay=path))
     path.write_text('{"t": 0, "dir": "driver->mount", "hex": "3a4"}\n')
-    with pytest.raises(BadSettings, match="line 1 is no line of a recording"):
+    with pytest.raises(BadSettings, match="line 1 is not a line of a recording"):
         serve_fake(FakeMountOptions(protocol="lx200", replay=path))

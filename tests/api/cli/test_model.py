@@ -274,5 +274,5 @@ def test_a_run_gives_up(service, config, tmp_path):
 
 
 def test_a_journal_needs_a_telescope(tmp_path):
-    with pytest.raises(BadRequest, match="whose looks"):
+    with pytest.raises(BadRequest, match="several telescopes"):
         mountnav("fit", f"sqlite:///{tmp_path}/journal.sqlite", "--site", 48.93, 22.27)

@@ -64,10 +64,10 @@ def test_what_is_missing_or_wrong_is_told(ill: Path) -> None:
     for words, told in (
         ([], "site"),
         (["--latitude", "48"], "belong together"),
-        (["--latitude", "148", "--longitude", "0"], "no site"),
+        (["--latitude", "148", "--longitude", "0"], "not a site"),
         ([*WHERE, "--mounting", "spade"], "mounting"),
         ([*WHERE, "--epoch", "B1950"], "B1950"),
-        ([*WHERE, "--points-within", "-1"], "no pointing error"),
+        ([*WHERE, "--points-within", "-1"], "not a pointing error"),
         ([*WHERE, "--model", "nowhere.json"], "model"),
         ([*WHERE, "--since", "whenever"], "whenever"),
     ):

@@ -91,7 +91,7 @@ def test_every_event_is_one_well_formed_message(data: dict[str, Any]) -> None:
     assert [line.partition(":")[0] for line in lines] == ["event", "data", "id"]
 
     def refuse(constant: str) -> Any:
-        raise AssertionError(f"{constant} is no JSON")
+        raise AssertionError(f"{constant} is not JSON")
 
     told = json.loads(lines[1].removeprefix("data: "), parse_constant=refuse)
     assert set(told) == {"utc", *data}

@@ -63,6 +63,19 @@ def test_what_generators_of_clients_need_to_keep_every_route() -> None:
                 assert of_one in schemas, (method, path, of_one)
 
 
+def test_every_reference_leads_somewhere() -> None:
+    """Generators of other languages give up at the first one that doesn't."""
+    text = FROZEN_PATH.read_text(encoding="utf-8")
+    description = json.loads(text)
+    led = set(re.findall(r'"(#/[^"]+)"', text))
+    assert len(led) > 100
+    for reference in led:
+        at = description
+        for part in reference[2:].split("/"):
+            assert part in at, reference
+            at = at[part]
+
+
 def test_each_operation_field_and_parameter_is_described() -> None:
     description = json.loads(openapi_text())
     bare = [

@@ -119,5 +119,5 @@ async def test_a_cancelled_job_says_who_ended_it_also_after_a_restart(
     assert [one["state"] for one in told] == ["cancelled", "cancelled"]
     assert [one["problem"]["detail"] for one in told] == [
         "stopped on request of chief (rest)",
-        "the service went down",
+        "the service was shut down",
     ]

@@ -76,7 +76,7 @@ async def test_unusable_uploads_are_bad_frames(client: httpx.AsyncClient, drawn:
         "truncated": drawn[: len(drawn) // 2],
         "header alone": drawn[:2880],
         "cut header": drawn[:100],
-        "no image": b"this is no image" * 100,
+        "no image": b"this is not an image" * 100,
         "empty": b"",
         "all zero": _fits(np.zeros((300, 300), np.uint16)),
         "saturated": _fits(np.full((300, 300), 65535, np.uint16)),

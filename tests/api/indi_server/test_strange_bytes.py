@@ -71,7 +71,7 @@ async def test_orders_beside_a_value_that_is_none_are_carried_out(rig: Rig) -> N
         mark = len(raw.heard)
         await raw.say(TRACK_OFF, HUGE, switch("TELESCOPE_TRACK_STATE", "TRACK_ON"))
         await raw.until(lambda: len(raw.states("TELESCOPE_TRACK_STATE", mark)) >= 2, "answered twice")
-        assert any("is no length" in words for words in raw.words(mark))
+        assert any("is not a length" in words for words in raw.words(mark))
         assert not raw.closed
 
 

@@ -95,7 +95,7 @@ async def test_files_that_are_no_images_fail_and_are_told(nova: Standing) -> Non
     session = await nova.login()
     whole = drawn()
     hostile = {
-        "text": b"this is no image\n" * 100,
+        "text": b"this is not an image\n" * 100,
         "random": os.urandom(100_000),
         "truncated": whole[: len(whole) // 2],
         "header alone": whole[:2880],

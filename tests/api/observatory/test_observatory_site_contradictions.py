@@ -52,7 +52,7 @@ async def test_it_is_told_everywhere_and_nothing_slews_until_it_is_resolved() ->
             assert "--set" in told
             assert await _command(stand.port, "--accept") == (
                 0,
-                "east: mount and settings agree, by your word\n",
+                "east: mount and settings agree, as you confirmed\n",
             )
             assert (await http.get(EAST)).json()["contradiction"] is None
             audit = (await http.get("/v1/audit", params={"limit": 100})).json()

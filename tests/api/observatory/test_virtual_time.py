@@ -133,11 +133,11 @@ FAKE = REAL.replace("lx200+serial:///dev/ttyUSB0", "fake+lx200://")
         ),
         (
             FAKE.replace("speed = 10.0", "at = 2026-12-01T22:00:00"),
-            r"line 6: demo\.at: .* no instant with its time zone",
+            r"line 6: demo\.at: .* not an instant with its time zone",
         ),
         (FAKE.replace("speed = 10.0", "at = 1890-12-01T22:00:00Z"), "too far off"),
         (FAKE.replace("speed = 10.0", "speed = 0"), "demo.speed: "),
-        (FAKE.replace("speed = 10.0", 'at = "tea time"'), "demo.at: tea time is no instant"),
+        (FAKE.replace("speed = 10.0", 'at = "tea time"'), "demo.at: tea time is not an instant"),
     ],
 )
 def test_what_can_not_be_virtual_is_refused(toml: str, what: str) -> None:
@@ -156,9 +156,9 @@ def test_the_same_settings_without_hardware_are_taken() -> None:
         (ServeOptions(), "nothing to serve"),
         (
             ServeOptions(demo=True, at="2026-12-01T22:00:00"),
-            "at: 2026-12-01T22:00:00 is no instant with its time zone",
+            "at: 2026-12-01T22:00:00 is not an instant with its time zone",
         ),
-        (ServeOptions(demo=True, at="soon"), "no instant"),
+        (ServeOptions(demo=True, at="soon"), "not an instant"),
         (ServeOptions(demo=True, speed=1000.0), "speed"),
         (ServeOptions(config=Path("c"), mounting=VirtualMounting.FORK), "--mounting"),
         (ServeOptions(config=Path("c"), speed=2.0), "--speed is for a virtual observatory"),
@@ -208,7 +208,7 @@ def test_a_real_observatorys_journal_is_left_alone(tmp_path: Path) -> None:
     def keeping(path: Path) -> Settings:
         return settings.model_copy(update={"journal": JournalSettings(url=str(path))})
 
-    with pytest.raises(BadSettings, match="tells of a real observatory"), demo_journal(keeping(real)):
+    with pytest.raises(BadSettings, match="is of a real observatory"), demo_journal(keeping(real)):
         pass
     with demo_journal(keeping(virtual)) as kept:
         assert kept.journal.url == str(virtual)

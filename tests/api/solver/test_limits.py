@@ -69,7 +69,7 @@ def test_an_eps_starts_no_other_program(tmp_path: Path) -> None:
     said = subprocess.run(
         [sys.executable, "-c", _READ_IT, str(picture)], env=environment, capture_output=True, text=True
     )
-    assert "no image of a kind that can be read" in said.stdout, said
+    assert "not an image of a kind that can be read" in said.stdout, said
     assert not started.exists()
 
 

@@ -226,6 +226,6 @@ async def test_a_process_that_answers_otherwise_is_ended(content: bytes) -> None
         process = _Process()
         link = ProcessLink(process, ours)  # type: ignore[arg-type]
         theirs.sendall(content)
-        with pytest.raises(ProcessEnded, match="no answer of ours"):
+        with pytest.raises(ProcessEnded, match="an invalid answer"):
             await link.receive()
         assert process.killed

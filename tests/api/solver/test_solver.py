@@ -106,7 +106,7 @@ async def test_frames_and_uploads_come_back_solved_and_masters_go_over_once(
         assert all(task.settings.calibration is None for task in sent)
         # what lies in the file is what is read, wherever its position is
         with tempfile.TemporaryFile() as file:
-            file.write(b"this is no image" * 100)
+            file.write(b"this is not an image" * 100)
             file.flush()
             with pytest.raises(BadFrame) as told:
                 await worker.solve(Work(Upload("x.fits", file.fileno()), None, SETTINGS), first=False)

@@ -182,12 +182,12 @@ def test_zones_that_hold_nothing_of_it_arent_read(
     assert set(read) == {"z898"}
     source = _columns(zones)
     assert imported.header.count == int(((source.dec_deg >= 80) & (source.dec_deg <= 89.5)).sum())
-    with pytest.raises(BadCatalog, match="no part that is wanted"):
+    with pytest.raises(BadCatalog, match="holds nothing of what was asked for"):
         import_catalog(_order(zones, tmp_path, "none", selection=Selection(dec_range_deg=(0.0, 10.0))))
 
 
 def test_nothing_left_is_no_catalog(zones: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadRequest, match=r"no star of .* is left"):
+    with pytest.raises(BadRequest, match=r"no star of .* remains"):
         import_catalog(_order(zones, tmp_path, selection=Selection(mag_limit=2.0)))
     assert list(tmp_path.iterdir()) == []
 
@@ -269,7 +269,7 @@ def test_a_killed_import_goes_on_and_gives_the_same_bytes(
     imported, told, notes = _import(_order(zones, tmp_path))
     assert imported.resumed == PLACES[place]
     assert told[0].parts_done == PLACES[place]
-    wanted = [f"resuming: {PLACES[place]} of 5 parts are in"] if PLACES[place] else []
+    wanted = [f"resuming: {PLACES[place]} of 5 parts are imported"] if PLACES[place] else []
     assert notes == wanted
     assert imported.path.read_bytes() == whole
     assert [path.name for path in tmp_path.iterdir()] == ["ucac4.mnc"]
@@ -303,7 +303,7 @@ def test_an_interrupt_keeps_the_parts_that_are_in(zones: Path, whole: bytes, tmp
     with pytest.raises(KeyboardInterrupt):
         import_catalog(_order(zones, tmp_path), tell=interrupt)
     imported, _, notes = _import(_order(zones, tmp_path))
-    assert notes == ["resuming: 3 of 5 parts are in"]
+    assert notes == ["resuming: 3 of 5 parts are imported"]
     assert imported.path.read_bytes() == whole
 
 
@@ -319,7 +319,7 @@ def _break_off(order: ImportOrder, parts: int) -> None:
 def test_other_options_begin_anew_and_say_so(zones: Path, tmp_path: Path) -> None:
     _break_off(_order(zones, tmp_path), 3)
     imported, _, notes = _import(_order(zones, tmp_path, selection=Selection(mag_limit=15.0)))
-    assert notes == ["beginning again: the earlier run had other options"]
+    assert notes == ["starting over: the earlier run had other options"]
     assert imported.resumed == 0
     assert imported.header.count == int((_columns(zones).mag <= 15.0).sum())
 
@@ -330,7 +330,7 @@ def test_a_file_that_is_in_and_was_changed_since_begins_anew(whole: bytes, tmp_p
     other = write_zones(tmp_path / "other", (2,), seed=8)
     (source / "z002").write_bytes((other / "z002").read_bytes())
     imported, _, notes = _import(_order(source, tmp_path))
-    assert notes == ["beginning again: the file of z002, which is in, is another now"]
+    assert notes == ["starting over: the file of z002, which was imported, has changed"]
     fresh = import_catalog(_order(source, tmp_path, "fresh"))
     assert imported.path.read_bytes() == fresh.path.read_bytes() != whole
 
@@ -343,7 +343,7 @@ def test_a_file_that_isnt_in_yet_may_be_copied_again(whole: bytes, tmp_path: Pat
         import_catalog(_order(source, tmp_path))
     (source / "z899").write_bytes(sound)
     imported, _, notes = _import(_order(source, tmp_path))
-    assert notes == ["resuming: 3 of 5 parts are in"]
+    assert notes == ["resuming: 3 of 5 parts are imported"]
     assert imported.path.read_bytes() == whole
 
 
@@ -356,7 +356,7 @@ def test_a_record_that_isnt_there_or_is_damaged_trusts_nothing(
         path = unfinished_path(tmp_path, "ucac4") / "record.json"
         path.unlink() if record is None else path.write_bytes(record)
         imported, _, notes = _import(_order(zones, tmp_path, force=True))
-        assert [note.split(":")[0] for note in notes] == ["beginning again"]
+        assert [note.split(":")[0] for note in notes] == ["starting over"]
         assert imported.path.read_bytes() == whole
 
 
@@ -364,7 +364,7 @@ def test_another_place_of_the_source_begins_anew(zones: Path, whole: bytes, tmp_
     _break_off(_order(zones, tmp_path), 2)
     elsewhere = write_zones(tmp_path / "elsewhere")
     imported, _, notes = _import(_order(elsewhere, tmp_path))
-    assert notes == ["beginning again: the file of z001, which is in, is another now"]
+    assert notes == ["starting over: the file of z001, which was imported, has changed"]
     assert imported.path.read_bytes() == whole
 
 
@@ -414,7 +414,7 @@ def test_a_file_changed_while_it_is_read_is_refused(tmp_path: Path, monkeypatch:
         import_catalog(_order(source, tmp_path))
     monkeypatch.undo()
     _, _, notes = _import(_order(source, tmp_path))
-    assert notes == ["resuming: 2 of 5 parts are in"]
+    assert notes == ["resuming: 2 of 5 parts are imported"]
 
 
 def test_values_that_cant_be_packed_are_told_with_their_part(

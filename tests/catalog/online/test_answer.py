@@ -99,12 +99,16 @@ def test_old_ucds_are_known_too() -> None:
 @pytest.mark.parametrize(
     ("source", "got", "said"),
     [
-        (SOURCE, answer(PLAIN, [ROW]), "can't tell whether mua is multiplied by cos(Dec)"),
+        (SOURCE, answer(PLAIN, [ROW]), "can't determine whether mua is multiplied by cos(Dec)"),
         (SOURCE, answer(PLAIN, [ROW], described=COS, coosys='system="ICRS"'), "set epoch_yr"),
         (SOURCE, answer(PLAIN, [ROW], described=COS, coosys='system="eq_FK4" epoch="J2000"'), "in eq_FK4"),
-        (SOURCE, answer(PLAIN[1:], [ROW[1:]], described=COS), "can't tell the column of ra: set columns"),
-        (SOURCE, answer(PLAIN[:6], [ROW[:6]], described=COS), "can't tell the column of the magnitude"),
-        (SOURCE, answer(PLAIN, [ROW], described=COS, texts=["alpha"]), "can't tell the column of ra"),
+        (
+            SOURCE,
+            answer(PLAIN[1:], [ROW[1:]], described=COS),
+            "can't determine the column of ra: set columns",
+        ),
+        (SOURCE, answer(PLAIN[:6], [ROW[:6]], described=COS), "can't determine the column of the magnitude"),
+        (SOURCE, answer(PLAIN, [ROW], described=COS, texts=["alpha"]), "can't determine the column of ra"),
         (
             SOURCE,
             answer((*PLAIN[:2], *PLAIN[4:]), [(*ROW[:2], *ROW[4:])], described=COS),
@@ -125,7 +129,7 @@ def test_old_ucds_are_known_too() -> None:
         (
             SOURCE,
             answer((*PLAIN[:2], ("ea", "stat.error;pos.eq.ra", "s"), *PLAIN[3:]), [ROW], described=COS),
-            "column ea is in s, which is no mas",
+            "column ea is in s, which is not in mas",
         ),
         (
             OnlineSource("own", protocol="cone", url="http://x", columns={"mag": "nothere"}),
@@ -135,14 +139,14 @@ def test_old_ucds_are_known_too() -> None:
         (
             OnlineSource("own", protocol="cone", url="http://x", band="I"),
             answer(PLAIN, [ROW], described=COS),
-            "can't tell the column of a magnitude of band I",
+            "can't determine the column of a magnitude of band I",
         ),
         (
             OnlineSource("own", protocol="cone", url="http://x", columns={"mag": "v"}),
             answer(PLAIN, [ROW], described=COS),
             "set band",
         ),
-        (SOURCE, answer(PLAIN, [(370.0, *ROW[1:])], described=COS), "no RA and Dec in degrees"),
+        (SOURCE, answer(PLAIN, [(370.0, *ROW[1:])], described=COS), "not RA and Dec in degrees"),
         (SOURCE, answer(PLAIN, [(12.0, *ROW[1:])], described=COS), "1 of its 1 stars lie outside"),
         (SOURCE, answer(PLAIN, [(None, *ROW[1:])], described=COS), "1 of its 1 rows have no position"),
     ],

@@ -187,7 +187,7 @@ def test_the_head_tells_epoch_band_and_color(tmp_path: Path) -> None:
         assert (reader.epoch_yr, reader.band, reader.color_name) == (epoch, band, color_name), text
         assert reader.name == f"ASTAP {database.upper()}"
         assert "1 of 1476 areas (missing: 0101, 0201, 0202, 0203, 0301, ...)" in reader.made_from
-        assert ("tells no epoch" in reader.made_from) == (epoch == 2012.5)
+        assert ("gives no epoch" in reader.made_from) == (epoch == 2012.5)
         color = read_all(folder).color_mag
         if color_name:
             assert color is not None

@@ -163,7 +163,7 @@ async def test_a_camera_that_tells_no_time_is_timed_by_ours() -> None:
     fake.missing = {"lastexposurestarttime", "lastexposureduration"}
     async with bench(fake) as one:
         frame = await one.camera.expose(0.1)
-        assert frame.source.endswith("our clock (the camera tells no time)")
+        assert frame.source.endswith("our clock (the camera gives no time)")
 
 
 async def test_an_abort_ends_the_exposure_here_and_there() -> None:

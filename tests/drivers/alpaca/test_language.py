@@ -545,7 +545,7 @@ async def test_a_silent_server_and_its_return_are_announced() -> None:
         assert rig.mount.link is LinkState.SILENT
         await rig.until(lambda: "link-back" in rig.told)
         assert rig.mount.link is LinkState.UP
-        assert rig.mount.trusted, "a silence is no loss"
+        assert rig.mount.trusted, "a silence is not a loss"
 
 
 @pytest.mark.long

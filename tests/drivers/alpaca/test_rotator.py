@@ -207,7 +207,7 @@ async def test_an_order_without_an_answer_leaves_it_stopped() -> None:
 async def test_what_is_no_rotator_is_refused() -> None:
     fake = FakeRotator()
     fake.missing |= {"mechanicalposition", "position"}
-    with pytest.raises(DeviceRefused, match="doesn't tell its angle"):
+    with pytest.raises(DeviceRefused, match="doesn't give its angle"):
         async with bench(fake):
             pass
     with pytest.raises(BadSettings, match="no rotator"):

@@ -333,7 +333,7 @@ async def test_a_stop_that_cannot_end_them_says_so() -> None:
         await rig.mount.set_offset_rates(FAST)
         rig.language.rates_lost = DeviceSilent("nothing")
         rig.language.takes_rates = lambda _: None
-        with pytest.raises(DeviceSilent, match="may track at rates of its own"):
+        with pytest.raises(DeviceSilent, match="may track at offset rates"):
             await rig.mount.stop()
         assert rig.mount.rates_known is None
         assert "stop 0" in rig.language.orders

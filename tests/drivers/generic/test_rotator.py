@@ -138,7 +138,7 @@ def test_one_that_rests_elsewhere_is_told_with_both_angles() -> None:
             rig.mechanics.stop()
 
         touching = asyncio.ensure_future(hand())
-        with pytest.raises(TargetNotReached, match=r"came to rest at .* from 10.00° to 100.00°") as told:
+        with pytest.raises(TargetNotReached, match=r"stopped at .* from 10.00° to 100.00°") as told:
             await rig.rotator.turn(100.0)
         assert told.value.reason is NotReached.REST
         await touching
@@ -205,7 +205,7 @@ def test_a_reading_that_is_no_angle_is_refused() -> None:
             return Told(1e9, False)
 
     async def work(rig: Rig) -> None:
-        with pytest.raises(DeviceSilent, match="tells an angle of"):
+        with pytest.raises(DeviceSilent, match="reports an angle of"):
             await rig.rotator.reading()
 
     with_rotator(work, language=Nonsense)

@@ -359,7 +359,7 @@ def test_a_file_that_tells_another_exposure_is_not_this_one(told_s: float | None
         (3.4, 3.4, "its header"),
         # an hour off, as after a change to summer time
         (3601.4, 1.5, "our clock (its header is +3599.9 s off)"),
-        (None, 1.5, "our clock (its header tells no time)"),
+        (None, 1.5, "our clock (its header gives no time)"),
     ],
 )
 def test_the_header_counts_where_our_clock_allows_it(

@@ -101,11 +101,11 @@ async def test_a_file_of_before_the_order_is_dropped_where_the_clocks_agree() ->
         there.steps = ["busy", "expose", "old file", 0.05, "file", "ok"]
         frame = await camera.expose(0.1)
         assert frame.source == "Odd CCD, timed by its header"
-        await noted(camera, "before this one was ordered")
+        await noted(camera, "before this exposure was ordered")
         # a clock that was set back costs one exposure and not the night
         there.clock_off, there.steps = timedelta(seconds=-30.0), ["busy", "expose", "file", "ok"]
         running = asyncio.create_task(camera.expose(0.1))
-        await noted(camera, "before this one was ordered", times=2)
+        await noted(camera, "before this exposure was ordered", times=2)
         await camera.abort()
         with pytest.raises(Cancelled):
             await running

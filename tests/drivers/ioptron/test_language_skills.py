@@ -211,7 +211,7 @@ async def test_a_custom_rate_without_a_number_is_refused() -> None:
     fake = fake_of()
     async with opened(fake) as mount:
         fake.feed(b":RR09500#")
-        with pytest.raises(BadRequest, match="says nothing of how fast"):
+        with pytest.raises(BadRequest, match="does not say how fast"):
             await mount.set_tracking(True, TrackingRate.CUSTOM)
         assert fake.mechanics.axis_velocity("ha") != pytest.approx(0.95 * SIDEREAL_DEG_S)
 

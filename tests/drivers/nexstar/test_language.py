@@ -133,7 +133,7 @@ async def test_an_old_hand_control_is_asked_in_the_short_form() -> None:
         target = beside((await mount.reading()).place, 2.0, -2.0)
         assert await mount.slew(target) is SlewOutcome.ARRIVED
         assert fake.heard.count(base.slew(target.ra_deg, target.dec_deg, short=True).sent) == 1
-        with pytest.raises(DeviceRefused, match=r"1\.02 knows no sync") as refusal:
+        with pytest.raises(DeviceRefused, match=r"1\.02 has no sync command") as refusal:
             await mount.sync(target)
         assert refusal.value.reason is Refusal.UNSUPPORTED
     # what it was asked and does not know: its kind

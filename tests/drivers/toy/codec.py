@@ -60,7 +60,7 @@ def where_to_text(where: Where) -> str:
 
 def _name(text: str) -> str:
     if not text.startswith("toy "):
-        raise Unreadable(f"{text!r} is no toy")
+        raise Unreadable(f"{text!r} is not a toy")
     return text
 
 

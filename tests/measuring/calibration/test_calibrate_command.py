@@ -140,7 +140,7 @@ def test_apply_writes_calibrated_frames(folder: Path) -> None:
         (("build", "--bias", "{}/d0.fits", "--out", "m"), 1, "d0.fits: its header calls it a dark"),
         (("build", "--bias", "{}/b0.fits", "--out", "m", "--method", "sum"), 2, "mean or median"),
         (("build", "--bias", "{}/b0.fits", "{}/small.fit", "--out", "m"), 2, "small.fit: it has 100"),
-        (("info", "none"), 2, "is no folder"),
+        (("info", "none"), 2, "is not a folder"),
         (("info", "{}"), 2, "holds no masters"),
     ],
 )

@@ -588,7 +588,7 @@ class TestRefusals:
             more = cards if i == odd_one else {}
             write(tmp_path / f"b{i}.fits", camera.exposed(0.0, 0.0, i), **bias_cards(**more))
         text = self.refused(tmp_path, BadRequest, bias=[tmp_path / "b*"])
-        assert f"doesn't tell its {asked.partition('=')[0]}, as 8 of the 9 frames" in text
+        assert f"doesn't give its {asked.partition('=')[0]}, as 8 of the 9 frames" in text
         assert f"b{odd_one}.fits says" in text
         assert f"--assume {asked}" in text
         report = build(tmp_path / "m", bias=[tmp_path / "b*"], assumed=assumptions([asked]))

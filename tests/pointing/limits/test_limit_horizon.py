@@ -47,8 +47,8 @@ def test_files_of_other_programs(tmp_path: Path, text: str) -> None:
         ("0 10\n90 nan\n", "line 2"),
         ("0 10\n", "1 point"),
         ("# nothing\n", "0 point"),
-        ("0 10\n20 95\n", "no point of a horizon"),
-        ("0 10\n500 20\n", "no point of a horizon"),
+        ("0 10\n20 95\n", "not a point of a horizon"),
+        ("0 10\n500 20\n", "not a point of a horizon"),
     ],
 )
 def test_what_is_no_horizon_is_said_with_its_line(text: str, says: str) -> None:

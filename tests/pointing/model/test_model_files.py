@@ -44,14 +44,14 @@ def test_a_model_file_comes_back_the_same(tmp_path):
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("format", "something", "no pointing model of mountnav"),
+        ("format", "something", "not a pointing model of mountnav"),
         ("version", 2, "version 2"),
         ("kind", "dobson", "kind"),
         ("terms", ["IH", "ID"], "2 terms need"),
-        ("terms", ["IH", "ID", "CH", "ME", "MA", "ZZ"], "no term"),
+        ("terms", ["IH", "ID", "CH", "ME", "MA", "ZZ"], "not a term"),
         ("terms", ["ID", "IH", "CH", "ME", "MA", "TF"], "begin with IH, ID"),
         ("coefficients_arcsec", [1.0, 2.0, "x", 1, 1, 1], "could not convert"),
-        ("scatter_arcsec", None, "no pointing model"),
+        ("scatter_arcsec", None, "not a pointing model"),
         ("made_utc", "2026-11-22T03:00:00", "time zone"),
         ("does_refraction", "no", "true or false"),
         ("covariance_arcsec2", [[-1.0] * 6] * 6, "covariance"),
@@ -138,7 +138,7 @@ what follows counts for nothing
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "no file of PMFIT"),
+        ("", "not a file of PMFIT"),
         ("caption\nE\nnorth\n", "line 3: no latitude"),
         ("caption\nE\n48\n1.0 2.0 3.0\n", "line 4"),
         ("caption\nE\n48\n1.0 2.0 3.0 x\n", "line 4"),

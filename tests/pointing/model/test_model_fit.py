@@ -127,7 +127,7 @@ def test_every_equatorial_term_comes_back():
     _comes_back(truth)
     _comes_back({name: value for name, value in truth.items() if name != "HCEC"} | {"DAF": 30.0})
     # the sagging axis is exactly a sum of these two
-    with pytest.raises(ModelRefused, match="can't tell"):
+    with pytest.raises(ModelRefused, match="can't distinguish"):
         _comes_back(truth | {"DAF": 30.0})
 
 
@@ -200,11 +200,11 @@ def test_what_the_points_do_not_determine_is_refused():
     with pytest.raises(ModelRefused, match=r"4 usable points in 1 segment\(s\) can't tell 9 unknowns"):
         fit(m, ("CH", "ME", "MA", "TF", "NP", "FO", "DAF"))
     narrow = telescope("equatorial", {"CH": 100.0}, n=40, lowest_deg=84.0)
-    with pytest.raises(ModelRefused, match=r"can't tell|too uncertain"):
+    with pytest.raises(ModelRefused, match=r"can't distinguish|too uncertain"):
         fit(narrow, ("CH", "NP", "ME", "MA", "TF", "TX"))
     with pytest.raises(ModelRefused, match="too uncertain"):
         fit(telescope("equatorial", {}, n=10, noise_arcsec=300.0), SIX, max_sigma_arcsec=100.0)
-    with pytest.raises(BadRequest, match="no term"):
+    with pytest.raises(BadRequest, match="not a term"):
         fit(m, ("IH", "ID", "XX"))
 
 

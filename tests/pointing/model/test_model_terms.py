@@ -145,7 +145,7 @@ def test_names():
         ("equatorial", ""),
     )
     for kind, name in unknown:
-        with pytest.raises(BadRequest, match="no term"):
+        with pytest.raises(BadRequest, match="not a term"):
             term(kind, name)
 
 

@@ -40,7 +40,7 @@ def _listed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_without_the_entry_it_is_unknown() -> None:
-    with pytest.raises(BadRequest, match="'TOY' is no term"):
+    with pytest.raises(BadRequest, match="'TOY' is not a term"):
         term("equatorial", "TOY")
 
 

@@ -66,7 +66,7 @@ class AstapReader:
         for path, head in self._heads.items():
             if head != self._head:
                 raise BadCatalog(
-                    f"its head says {head.text!r}, records of {head.layout.size} bytes, but that of "
+                    f"its header says {head.text!r}, records of {head.layout.size} bytes, but that of "
                     f"{first_path.name} says {self._head.text!r}, {self._head.layout.size} bytes",
                     device=path.name,
                     advice="the folder mixes two editions of a database: copy one of them again",
@@ -144,7 +144,7 @@ class AstapReader:
             shown = ", ".join(missing[:_LABELS_TOLD]) + (", ..." if len(missing) > _LABELS_TOLD else "")
             told += f" (missing: {shown})"
         if self._head.epoch_sigma_yr:
-            told += f"; its head tells no epoch: {UNTOLD_EPOCH_YR} taken, with sigmas to match"
+            told += f"; its header gives no epoch: {UNTOLD_EPOCH_YR} taken, with sigmas to match"
         return told
 
 

@@ -119,7 +119,7 @@ class IndexFile:
         head = by_name.get("kdtree_header_stars")
         if head is None:
             raise NotAnIndex(
-                "has no star tree (kdtree_header_stars): it is no index file",
+                "has no star tree (kdtree_header_stars): it is not an index file",
                 device=path.name,
                 advice="give the index-*.fits files themselves",
             )

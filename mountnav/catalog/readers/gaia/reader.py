@@ -257,7 +257,7 @@ def _opened(path: Path) -> TableFile:
     if opener is None:
         packed = " (unpack it first: gunzip)" if _suffix(path) in (".fits.gz", ".fit.gz") else ""
         raise BadCatalog(
-            f"is of no format that is read{packed}",
+            f"is not of a format that can be read{packed}",
             device=path.name,
             advice=f"the name must end in one of {', '.join(FORMATS)}",
         )

@@ -159,7 +159,7 @@ EARLIEST_YR, LATEST_YR = 1980.0, 2100.0
 """What a column of epochs may hold: people move their extracts, and days or seconds are far off."""
 
 ADVICE = (
-    "ten years of proper motion hang on it: add ref_epoch to the query's columns (or, from VizieR, save it "
+    "ten years of proper motion depend on it: add ref_epoch to the query's columns (or, from VizieR, save it "
     "as a VOTable, which tells the epoch)"
 )
 
@@ -203,7 +203,7 @@ def epoch_in_texts(file: str, texts: Iterable[str]) -> float | None:
         found |= {float(year) for year in _EPOCH.findall(text)}
     if len(found) > 1:
         raise BadCatalog(
-            f"speaks of several epochs, {', '.join(str(year) for year in sorted(found))}, and has no column "
+            f"has several epochs, {', '.join(str(year) for year in sorted(found))}, and has no column "
             "ref_epoch",
             device=file,
             advice=ADVICE,
@@ -213,7 +213,7 @@ def epoch_in_texts(file: str, texts: Iterable[str]) -> float | None:
 
 def unknown_epoch(file: str) -> BadCatalog:
     """Make the error for a file that doesn't state the epoch of its positions."""
-    return BadCatalog("doesn't tell for which year its positions hold", device=file, advice=ADVICE)
+    return BadCatalog("doesn't give the epoch of its positions", device=file, advice=ADVICE)
 
 
 @dataclass(frozen=True, slots=True)

@@ -114,11 +114,11 @@ def test_an_error_in_place_of_an_image_is_told() -> None:
     [
         ({"ClientTransactionID": 8, "Value": 1, "ErrorNumber": 0}, "to question 8"),
         ({"ClientTransactionID": "7", "Value": 1, "ErrorNumber": 0}, "to question '7'"),
-        ({"Value": 1, "ErrorNumber": "0x400"}, "an error that is none"),
-        ({"Value": 1, "ErrorNumber": 0, "ErrorMessage": 5}, "an error that is none"),
+        ({"Value": 1, "ErrorNumber": "0x400"}, "an error number that is not an error"),
+        ({"Value": 1, "ErrorNumber": 0, "ErrorMessage": 5}, "an error number that is not an error"),
         ({"detail": "Not Found"}, "no Alpaca answer"),
         ([], "no Alpaca answer"),
-        (float("nan"), "NaN is no number"),
+        (float("nan"), "NaN is not a number"),
     ],
 )
 def test_envelopes_that_are_none(said: object, why: str) -> None:
