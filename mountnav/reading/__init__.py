@@ -32,8 +32,8 @@ _SATURATION_CARDS = ("SATURATE", "SATLEVEL", "SATURATI", "SATUR")
 _ROWS_AT_ONCE = 256
 """Rows that are looked at together for values that are no numbers; chosen by hand, to keep memory small."""
 _LARGEST_ADU = 1e15
-"""A pixel beyond is no brightness: no converter has 50 bits. Squares of less fit in 32-bit floats, also when a
-million of them are summed; doubled, nothing changes but for nonsense."""
+"""A pixel beyond is no brightness: no converter has 50 bits. Squares of less fit in 32-bit floats, also when
+a million of them are summed; doubled, nothing changes but for nonsense."""
 
 __all__ = ["ListFormat", "demosaiced", "frame_from_array", "read_frame", "read_source", "star_list_of"]
 

@@ -97,6 +97,8 @@ def icrs_at_pixel(cards: Mapping[str, object], x_px: float, y_px: float) -> Icrs
         As `places_at_pixels`.
     """
     ra, dec = places_at_pixels(cards, np.array([x_px]), np.array([y_px]))
+    if not np.isfinite(ra[0]):
+        raise BadRequest(f"the lens shows no sky at pixel ({x_px:g}, {y_px:g})", advice="ask nearer its axis")
     return Icrs(float(ra[0]), float(dec[0]))
 
 
