@@ -3,10 +3,10 @@
 Run: python -m benchmarks.wide_fields [--first 1] [--frames 20] [--lists] [--scrambled]
 
 Each seed draws a lens (equidistant, equisolid, stereographic, gnomonic, or one bent by 10 % at 40°), a field
-of 54°, 72°, 100° or 150°, a place anywhere, a rotation, a parity, and an axis that is off the frame's center
-by up to some 20 px. The frames hold planets that no catalog has, the Moon with its glow in every other one,
-and from 100° on, in every third, a horizon beyond which there is no sky. Odd seeds are solved blind, even
-ones with a hint (8°, scale to 10 %). Errors are those of a grid of 21 × 21 points where there is sky, in pixels.
+of 54°, 72°, 100° or 150°, a place anywhere, a rotation, a parity, and an axis that is off the center by up to
+some 20 px. The frames hold planets that no catalog has, the Moon with its glow in every other one, and from
+100° on, in every third, a horizon beyond which there is no sky. Odd seeds are solved blind, even ones with a
+hint (8°, scale to 10 %). Errors are those of a grid of 21 × 21 points where there is sky, in pixels.
 
 ``--lists`` takes lists of stars (0.1 px of noise, one in ten lost, 60 false ones) in place of frames: several
 times as fast. ``--scrambled`` turns each star of such a list about the center by a random angle: no such sky
