@@ -28,6 +28,7 @@ from mountnav.reading.content import OnDisk
 if TYPE_CHECKING:
     from api.solver_commands.wcsinfo import FieldWcs
     from mountnav.sky.wcs import is_zpn
+from mountnav.sky.wcs import is_zpn
 from mountnav.sky.wcs_numbers import TOUCHES_ALONE, linear_cards, touching_cards
 from mountnav.solution import Solution, Verdict
 
