@@ -1,6 +1,11 @@
 """Draw frames whose light is no standing points, solve them, count what is right, refused and wrong.
 
-Run: python -m benchmarks.trailed [--first 1] [--frames 200] [--only straight,double] [--told] [--seconds 600]
+Run: python -m benchmarks.trailed [--first 1] [--frames 200] [--only straight,double] [--told]
+     [--seconds 600] [--into FILE]
+
+With ``--into`` each outcome is a line of the file, seeds that stand there already are passed over, and
+the table is that of the whole file: 2,000 frames can be run in pieces, by several processes with ranges of
+their own, and go on after any end. A file belongs to one state of the code, and is refused by another.
 
 Seeds are the numbers from `--first` on: each draws its kind, path, field, depth and hint, so that a run can
 be cut in pieces and any frame drawn again. Kinds: straight trails, curved ones (the field turns about a
@@ -26,6 +31,7 @@ coordinate over the right and wrong answers: 1 when the stated sigma is honest.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import math
 import time
@@ -35,6 +41,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -710,6 +717,69 @@ class Tally:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """Outcomes in a file, a line each.
+
+    Attributes
+    ----------
+    path : Path
+    code : str
+        Which state of the code made them.
+    """
+
+    path: Path
+    code: str
+
+    @classmethod
+    def at(cls, path: Path) -> Kept:
+        """The file of that path, begun or to be begun.
+
+        Raises
+        ------
+        SystemExit
+            It was made by another state of the code.
+        """
+        root = Path(__file__).parents[1]
+        digest = hashlib.sha256()
+        for source in [*sorted((root / "mountnav").rglob("*.py")), Path(__file__)]:
+            digest.update(source.read_bytes())
+        kept = cls(path, digest.hexdigest()[:16])
+        if any(one["code"] != kept.code for one in kept.lines()):
+            raise SystemExit(f"{path} was made by another state of the code: give another file")
+        return kept
+
+    def lines(self) -> list[dict[str, Any]]:
+        """All that was kept; a last line that was cut short is none."""
+        found = []
+        if self.path.exists():
+            for line in self.path.read_text().splitlines():
+                try:
+                    found.append(json.loads(line))
+                except ValueError:
+                    continue
+        return found
+
+    def add(self, seed: int, kind: str, error_px: float, sigma_px: float, reason: str) -> None:
+        """Keep one."""
+        one = {"seed": seed, "kind": kind, "reason": reason, "code": self.code}
+        if not math.isnan(error_px):
+            one |= {"error_px": error_px, "sigma_px": sigma_px}
+        # a line end before it: what a killed run left half written stays a line of its own
+        ended = not self.path.exists() or self.path.read_bytes()[-1:] in (b"", b"\n")
+        with self.path.open("a") as file:
+            file.write(("" if ended else "\n") + json.dumps(one) + "\n")
+
+    def tallies(self) -> dict[str, Tally]:
+        """What the file holds, by kind; a seed that two processes ran counts once."""
+        found: dict[str, Tally] = defaultdict(Tally)
+        for one in {one["seed"]: one for one in self.lines()}.values():
+            error, sigma = one.get("error_px", math.nan), one.get("sigma_px", math.nan)
+            if found[one["kind"]].take(error, sigma, one["reason"]):
+                print(f"WRONG {one['seed']} {one['kind']}: {error:.2f} px, sigma {sigma:.3f} px")
+        return found
+
+
 def _summed(tallies: dict[str, Tally]) -> Tally:
     total = Tally()
     for tally in tallies.values():
@@ -728,13 +798,18 @@ def main() -> None:
     parser.add_argument("--only", default="", help="kinds, with commas")
     parser.add_argument("--seconds", type=float, default=math.inf, help="of wall time, then the table")
     parser.add_argument("--told", action="store_true", help="a line for every frame")
+    parser.add_argument("--into", type=Path, help="a file that keeps the outcomes, and goes on from them")
     given = parser.parse_args()
+    kept = None if given.into is None else Kept.at(given.into)
+    held = set() if kept is None else {one["seed"] for one in kept.lines()}
     only = tuple(one for one in given.only.split(",") if one)
     tallies: dict[str, Tally] = defaultdict(Tally)
     spent, done, until = 0.0, 0, time.monotonic() + given.seconds
     for seed in range(given.first, given.first + given.frames):
         if time.monotonic() > until:
             break
+        if seed in held:
+            continue
         one = trial(seed, only)
         done += 1
         began = time.process_time()
@@ -743,7 +818,10 @@ def main() -> None:
         error = one.error_px(verdict)
         solution = verdict.solution
         sigma = solution.center_sigma_arcsec / one.scale_arcsec_px if solution else math.nan
-        wrong = tallies[one.kind].take(error, sigma, verdict.reason.name if verdict.reason else "")
+        reason = verdict.reason.name if verdict.reason else ""
+        wrong = tallies[one.kind].take(error, sigma, reason)
+        if kept is not None:
+            kept.add(seed, one.kind, error, sigma, reason)
         if done % TOLD_EVERY == 0:
             print(_summed(tallies).so_far(done, seed), flush=True)
         if wrong or given.told:
@@ -757,6 +835,8 @@ def main() -> None:
                 f"sigma {sigma:.3f} px, {odds}",
                 flush=True,
             )
+    if kept is not None:
+        tallies = kept.tallies()
     titles = ("kind", "frames", "right", "refused", "wrong", "error px (median)", "chi²", "reasons")
     print(f"\n| {' | '.join(titles)} |\n{'|---' * len(titles)}|")
     for kind in (*PATHS, *FIELDS, *FAR):

@@ -194,7 +194,7 @@ class Solution:
         Which identification and model: e.g. "full/cubic", or "blind/linear" when it was found over the whole
         sky, not where the hint said.
     wcs : dict
-        FITS cards (1-based CRPIX), TAN or TAN-SIP.
+        FITS cards (1-based CRPIX): TAN, TAN-SIP, or ZPN where a lens is too wide for these.
     center_covariance_arcsec2 : ndarray, shape (2, 2)
         Of the center's position: east, north.
     identified : IdentifiedPairs

@@ -27,7 +27,8 @@ from mountnav.errors import BadFrame, MountnavError
 from mountnav.reading.content import OnDisk
 from mountnav.reading.fits_headers import chosen_hdu, walk
 from mountnav.settings.faces import NovaSettings
-from mountnav.sky.wcs_numbers import Value, linear_cards, wcs_numbers
+from mountnav.sky.wcs import is_zpn
+from mountnav.sky.wcs_numbers import TOUCHES_ALONE, Value, linear_cards, touching_cards, wcs_numbers
 from mountnav.tasks import begun
 
 if TYPE_CHECKING:
@@ -141,7 +142,7 @@ class NovaJobs:
     async def _succeeded(self, job: Submission, hint: Hint | None, lost: str, verdict: Verdict) -> None:
         solution = verdict.solution
         assert solution is not None
-        cards: dict[str, Value] = linear_cards(solution.wcs) if job.asked.linear else dict(solution.wcs)
+        cards: dict[str, Value] = (linear_cards if job.asked.linear else touching_cards)(solution.wcs)
         result = result_of(solution, cards | {"EQUINOX": _EQUINOX}, verdict)
         log = _told(job, hint, lost, verdict, "")
         try:
@@ -293,6 +294,8 @@ def _told(job: Submission, hint: Hint | None, lost: str, verdict: Verdict | None
         f"{solution.pairs} stars, rms {solution.rms_arcsec:.3f} arcsec, {solution.mode}, {solution.catalog}",
         f"probability of a wrong position: {solution.false_probability:.1e}",
     ]
+    if is_zpn(solution.wcs):
+        lines.append(f"WARNING: {TOUCHES_ALONE}")
     found = 0 if numbers.determinant_sign > 0 else 1
     if job.asked.parity not in (2, found):
         lines.append(f"parity {job.asked.parity} was asked for, {found} was found")

@@ -66,7 +66,9 @@ class SolveRecord(BaseModel):
     false_probability: float | None = None
     mode: str | None = None
     time_s: SolveTimes
-    wcs: dict[str, str | int | float] | None = Field(default=None, description="FITS cards, TAN or TAN-SIP")
+    wcs: dict[str, str | int | float] | None = Field(
+        default=None, description="FITS cards: TAN, TAN-SIP, or ZPN of a lens too wide for these"
+    )
     reason: str | None = Field(default=None, description="Why it was not solved, for people")
     center_sigma_arcsec: float | None = Field(default=None, description="One-sigma error per coordinate")
     rejected_by: dict[str, int] | None = Field(

@@ -12,7 +12,15 @@ from api.solver_commands.image_facts import ImageFacts, rows_up
 from mountnav.errors import BadFrame
 from mountnav.frames import Hint
 from mountnav.sky.coordinates import Icrs
-from mountnav.sky.wcs_numbers import Value, WcsNumbers, linear_cards, wcs_numbers
+from mountnav.sky.wcs import is_zpn
+from mountnav.sky.wcs_numbers import (
+    TOUCHES_ALONE,
+    Value,
+    WcsNumbers,
+    linear_cards,
+    touching_cards,
+    wcs_numbers,
+)
 from mountnav.solution import Solution, Verdict
 
 FIELD_ROOM = 1.25
@@ -148,12 +156,14 @@ def judged(verdict: Verdict, field: Field | None) -> Plate:
         found_deg = solution.scale_arcsec_px * field.side_px / 3600.0
         why = f"the frame shows a field of {found_deg:.3g} degrees, {field.source} says {field.side_deg:.3g}"
         return Plate(None, why, warnings, verdict)
+    if is_zpn(solution.wcs):
+        warnings = (*warnings, TOUCHES_ALONE)
     return Plate(solution, "", warnings, verdict)
 
 
 def solved_cards(solution: Solution, facts: ImageFacts, *, sip: bool) -> dict[str, Value]:
     """The WCS cards of a solution as FITS and ASTAP count rows, from the bottom; TAN unless SIP is wanted."""
-    cards: Mapping[str, Value] = solution.wcs if sip else linear_cards(solution.wcs)
+    cards: Mapping[str, Value] = touching_cards(solution.wcs) if sip else linear_cards(solution.wcs)
     return rows_up(cards, facts.height_px) if facts.rows_down else dict(cards)
 
 

@@ -27,7 +27,10 @@ from mountnav.reading.content import OnDisk
 
 if TYPE_CHECKING:
     from api.solver_commands.wcsinfo import FieldWcs
-    from mountnav.solution import Solution, Verdict
+    from mountnav.sky.wcs import is_zpn
+from mountnav.sky.wcs import is_zpn
+from mountnav.sky.wcs_numbers import TOUCHES_ALONE, linear_cards, touching_cards
+from mountnav.solution import Solution, Verdict
 
 __all__ = ["VERSION", "run"]
 
@@ -306,16 +309,14 @@ def _refusal(wanted: Wanted, verdict: Verdict) -> str | None:
 
 def _scale_across(solution: Solution) -> float:
     """Width of the field along the sky by its pixels: in wide fields less than the scale in the middle."""
-    wcs = _field(dict(solution.wcs))
+    wcs = _field(touching_cards(solution.wcs))
     width, _, unit = wcs.size
     return width * {"degrees": 3600.0, "arcminutes": 60.0}.get(unit, 1.0) / wcs.width_px
 
 
 def _cards(solution: Solution, *, sip: bool) -> dict[str, str | int | float]:
     """The cards of the WCS that is written; its reference pixel is the frame's center."""
-    from mountnav.sky.wcs_numbers import linear_cards
-
-    cards = dict(solution.wcs) if sip else linear_cards(solution.wcs)
+    cards = touching_cards(solution.wcs) if sip else linear_cards(solution.wcs)
     return {**cards, "EQUINOX": 2000.0, "LONPOLE": 180.0, "LATPOLE": 0.0}
 
 
@@ -456,6 +457,8 @@ def _tell_solved(call: _Call, name: str, verdict: Verdict, cards: dict[str, str 
     )
     for contradiction in verdict.contradictions:
         call.out(f"  A hint was wrong: {contradiction}.")
+    if is_zpn(solution.wcs):
+        call.out(f"  WARNING: {TOUCHES_ALONE}.")
     # INDI's driver reads the scale here, and nothing after it knows all that it wants
     call.out(
         f"  RA,Dec = ({center.ra_deg:g},{center.dec_deg:g}), pixel scale {wcs.scale_arcsec_px:g} arcsec/pix."

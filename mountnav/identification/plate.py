@@ -19,6 +19,8 @@ SIMILARITY = 0
 INVERSE_PX = 1e-7
 """Newton's steps of the inverse end when one is smaller than this, pixels: far below any centroid's error,
 far above double precision."""
+INVERSE_STEPS = 30
+"""Steps of the inverse at most. Lenses bent by a tenth need some 15, others 3."""
 NAMES = ("similarity", "linear", "quadratic", "cubic")
 
 
@@ -94,7 +96,7 @@ class Plate:
         if near.size == 0:
             return x, y
         near_x, near_y, near_xi, near_eta = x[near], y[near], xi[near], eta[near]
-        for _ in range(6):
+        for _ in range(INVERSE_STEPS):
             got_xi, got_eta = self.tangential(near_x, near_y)
             dxi, deta = near_xi - got_xi, near_eta - got_eta
             dx = inverse[0, 0] * dxi + inverse[0, 1] * deta

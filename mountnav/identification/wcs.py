@@ -18,7 +18,9 @@ Cards = dict[str, str | int | float]
 
 GRID = 21
 """Points per side on which the inverse polynomials are fitted: many more than the ten coefficients of a
-cubic."""
+cubic, or the 55 of the highest degree."""
+MOST_ORDER = 9
+"""SIP knows no higher one [SIP convention, Shupe et al. 2005]."""
 
 
 def wcs_cards(plate: Plate, *, width_px: int, height_px: int) -> Cards:
@@ -73,7 +75,7 @@ def _add_sip(cards: Cards, plate: Plate, matrix: Array, width_px: int, height_px
             continue
         a, b = inverse @ (np.array([xi, eta]) / 3600.0 / plate.unit_px ** (i + j))
         cards[f"A_{i}_{j}"], cards[f"B_{i}_{j}"] = float(a), float(b)
-    order = plate.degree + 1
+    order = min(plate.degree + 1, MOST_ORDER)
     unit = plate.unit_px
     u, v = (
         side.ravel()
@@ -102,6 +104,8 @@ def plate_from_cards(cards: Mapping[str, str | int | float], *, width_px: int, h
     BadRequest
         CRPIX isn't the center of such a frame, or a card is missing.
     """
+    if not str(cards.get("CTYPE1", "")).startswith("RA---TAN"):
+        raise BadRequest(f"{cards.get('CTYPE1')} is no polynomial plate", advice="use `mountnav.sky.wcs`")
     middle = ((width_px - 1) / 2.0, (height_px - 1) / 2.0)
     try:
         crpix = (float(cards["CRPIX1"]) - 1.0, float(cards["CRPIX2"]) - 1.0)

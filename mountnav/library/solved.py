@@ -179,7 +179,7 @@ class SolvedFrame:
 
     @property
     def wcs(self) -> WCS:
-        """TAN or TAN-SIP, as astropy has it; pixels count from 0 in its methods."""
+        """TAN, TAN-SIP or ZPN, as astropy has it; pixels count from 0 in its methods."""
         from astropy.io.fits import Header
         from astropy.wcs import WCS
 

@@ -93,8 +93,12 @@ def learn_psf(
     # the same weights for all: a fatter PSF must not win by believing in more noise
     chi2 = np.stack([(fits[1].weights * fit.residual**2).sum(axis=1) for fit in fits])
     best = chi2.min(axis=0)
+    # a star without a good pixel has a χ² of 0, whose logarithm would count for more than all others
+    known = np.isfinite(best) & (best > 0.0)
+    if known.sum() < _FEWEST_FOR_PSF:
+        return psf
     # a blend's χ² says nothing of wings
-    usual = best <= _BLEND_CHI2_RATIO * np.median(best)
+    usual = known & (best <= _BLEND_CHI2_RATIO * np.median(best[known]))
     # each star by the logarithm of its own χ²: stars count alike however bright they are
     unlikely = cutouts.values.shape[1] * np.log(chi2[:, usual]).sum(axis=1)
     wing = _lowest(unlikely + (np.array(_WINGS) / _WING_PRIOR) ** 2)

@@ -31,6 +31,9 @@ _SMALLEST_SIDE_PX = 16
 _SATURATION_CARDS = ("SATURATE", "SATLEVEL", "SATURATI", "SATUR")
 _ROWS_AT_ONCE = 256
 """Rows that are looked at together for values that are no numbers; chosen by hand, to keep memory small."""
+_LARGEST_ADU = 1e15
+"""A pixel beyond is no brightness: no converter has 50 bits. Squares of less fit in 32-bit floats, also when
+a million of them are summed; doubled, nothing changes but for nonsense."""
 
 __all__ = ["ListFormat", "demosaiced", "frame_from_array", "read_frame", "read_source", "star_list_of"]
 
@@ -238,7 +241,7 @@ def _frame(
     if kind.kind == "f" and kind.itemsize not in (4, 8):
         kind = np.dtype(np.float32 if kind.itemsize < 4 else np.float64)
     plane = np.ascontiguousarray(plane, dtype=kind)
-    plane = _without_infinities(plane, own=own or not np.shares_memory(plane, pixels), label=label)
+    plane = _without_absurd(plane, own=own or not np.shares_memory(plane, pixels), label=label)
     return Frame(
         pixels=plane,
         mid_exposure_utc=mid_exposure_from_header(header, comments),
@@ -268,25 +271,25 @@ def _one_plane(pixels: Pixels, label: str) -> Pixels:
     return pixels
 
 
-def _without_infinities(plane: Pixels, *, own: bool, label: str) -> Pixels:
-    """Make infinite pixels NaN, and refuse a frame that has none at all."""
+def _without_absurd(plane: Pixels, *, own: bool, label: str) -> Pixels:
+    """Make infinite and absurd pixels NaN, and refuse a frame that has no others."""
     if plane.dtype.kind != "f":
         return plane
     some = False
     for at in range(0, plane.shape[0], _ROWS_AT_ONCE):
         rows = plane[at : at + _ROWS_AT_ONCE]
-        some = some or bool(np.isfinite(rows).any())
-        infinite = np.isinf(rows)
-        if infinite.any():
+        absurd = np.abs(rows) > _LARGEST_ADU
+        if absurd.any():
             if not own:
                 plane, own = plane.copy(), True
                 rows = plane[at : at + _ROWS_AT_ONCE]
-            rows[infinite] = np.nan
+            rows[absurd] = np.nan
+        some = some or bool(np.isfinite(rows).any())
     if not some:
         raise BadFrame(
             "no pixel of the image has a value",
             device=label,
-            advice="all are NaN or infinite; send another frame",
+            advice="all are NaN, infinite or absurd; send another frame",
         )
     return plane
 

@@ -40,6 +40,7 @@ from mountnav.series.shift import (
 )
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import offset_arcsec, separation_arcsec
+from mountnav.sky.wcs import is_zpn
 from mountnav.solution import Reason, Solution, Verdict
 from mountnav.solving.solve import solve
 
@@ -436,7 +437,8 @@ class SeriesFollower:
         size = look.size
         old = self._anchors.get(size)
         plate, ra, dec = None, np.zeros(0), np.zeros(0)
-        if solution is not None:
+        # a lens too wide for a plate: its series are solved frame by frame
+        if solution is not None and not is_zpn(solution.wcs):
             plate = plate_from_cards(solution.wcs, width_px=size[0], height_px=size[1])
             ra, dec = icrs_at_pixels(plate, look.sources.x_px, look.sources.y_px)
         anchor = Anchor(look.result.number, look.sources, plate, solution, ra, dec)

@@ -8,6 +8,9 @@ from dataclasses import dataclass, fields
 from mountnav.errors import BadSettings
 from mountnav.units import pixel_scale_arcsec
 
+PROJECTIONS = ("gnomonic", "equidistant", "equisolid", "stereographic")
+"""Lenses by how they project the sky; the last three are those of fisheyes."""
+
 
 @dataclass(frozen=True, slots=True)
 class SimulatedOptics:
@@ -43,6 +46,8 @@ class SimulatedOptics:
         Uncatalogued stars per square degree, always at the same places in the sky.
     faint_brightest_mag : float
         Brightest of them; their number doubles each magnitude, over 4 magnitudes.
+    projection : {"gnomonic", "equidistant", "equisolid", "stereographic"}
+        How far from the axis a star at an angle θ falls: tan θ, θ, 2 sin θ/2 or 2 tan θ/2 focal lengths.
     instrument : str
         For the header.
 
@@ -68,6 +73,7 @@ class SimulatedOptics:
     bits: int = 16
     faint_stars_deg2: float = 0.0
     faint_brightest_mag: float = 12.0
+    projection: str = "gnomonic"
     instrument: str = "mountnav simulator"
 
     def __post_init__(self) -> None:
@@ -83,6 +89,11 @@ class SimulatedOptics:
         for name in ("sky_adu_s", "bias_adu", "read_noise_adu", "faint_stars_deg2"):
             if getattr(self, name) < 0:
                 raise BadSettings(f"simulated optics: {name} = {getattr(self, name)}", advice=">= 0")
+        if self.projection not in PROJECTIONS:
+            known = ", ".join(PROJECTIONS)
+            raise BadSettings(
+                f"simulated optics: projection = {self.projection!r}", advice=f"one of: {known}"
+            )
         if self.parity not in (1, -1):
             raise BadSettings(f"simulated optics: parity = {self.parity}", advice="1 or -1")
         if not 1 <= self.bits <= 16:
@@ -101,7 +112,13 @@ class SimulatedOptics:
     @property
     def half_diagonal_deg(self) -> float:
         """From the frame's center to its corner."""
-        return math.hypot(self.width_px, self.height_px) / 2.0 * self.scale_arcsec_px / 3600.0
+        corner_deg = math.hypot(self.width_px, self.height_px) / 2.0 * self.scale_arcsec_px / 3600.0
+        if self.projection in ("gnomonic", "equidistant"):
+            return corner_deg  # of a gnomonic one rather more than it is
+        half = math.radians(corner_deg) / 2.0
+        if self.projection == "equisolid":
+            return 2.0 * math.degrees(math.asin(min(half, 1.0)))
+        return 2.0 * math.degrees(math.atan(half))
 
 
 def _of_telescope(

@@ -29,6 +29,8 @@ __all__ = ["SimulatedOptics", "draw_frame", "project"]
 Array = NDArray[np.float64]
 # Magnitude of a star without one. Chosen by hand, an ordinary star of the catalogs.
 _UNKNOWN_MAG = 12.0
+_BEHIND_RAD = math.radians(120.0)
+"""Farther from the axis no lens is drawn: the widest fisheyes see 110°."""
 _WINGS_ADU = 0.05  # a star is drawn out to where its profile falls below this
 
 
@@ -49,7 +51,7 @@ def project(center: Icrs, optics: SimulatedOptics, ra_deg: Array, dec_deg: Array
     x_px, y_px : ndarray, shape (n,)
         0-based, (0, 0) the middle of the first pixel, y upwards; NaN for places behind.
     """
-    xi, eta = gnomonic(ra_deg, dec_deg, center.ra_deg, center.dec_deg)
+    xi, eta = _on_detector(center, optics.projection, ra_deg, dec_deg)
     px = math.radians(optics.scale_arcsec_px / 3600.0)
     s, c = math.sin(math.radians(optics.rotation_deg)), math.cos(math.radians(optics.rotation_deg))
     # +y points to position angle θ: (sin θ, cos θ) in (east, north); +x is at its right hand, where west is
@@ -58,6 +60,26 @@ def project(center: Icrs, optics: SimulatedOptics, ra_deg: Array, dec_deg: Array
     right = (-xi * c + eta * s) / px * optics.parity
     stretch = 1.0 + optics.distortion_px2 * (up * up + right * right)
     return (optics.width_px - 1) / 2.0 + right * stretch, (optics.height_px - 1) / 2.0 + up * stretch
+
+
+def _on_detector(center: Icrs, projection: str, ra_deg: Array, dec_deg: Array) -> tuple[Array, Array]:
+    """East and north of the axis, in focal lengths; NaN for what no such lens shows."""
+    if projection == "gnomonic":
+        return gnomonic(ra_deg, dec_deg, center.ra_deg, center.dec_deg)
+    lon, lat = np.radians(ra_deg - center.ra_deg), np.radians(dec_deg)
+    sin0, cos0 = math.sin(math.radians(center.dec_deg)), math.cos(math.radians(center.dec_deg))
+    east = np.cos(lat) * np.sin(lon)
+    north = cos0 * np.sin(lat) - sin0 * np.cos(lat) * np.cos(lon)
+    depth = sin0 * np.sin(lat) + cos0 * np.cos(lat) * np.cos(lon)
+    across = np.hypot(east, north)
+    away = np.arctan2(across, depth)
+    r = away
+    if projection == "equisolid":
+        r = 2.0 * np.sin(0.5 * away)
+    elif projection == "stereographic":
+        r = 2.0 * np.tan(0.5 * np.minimum(away, _BEHIND_RAD))
+    r = np.where(away < _BEHIND_RAD, r, np.nan) / np.maximum(across, 1e-300)
+    return r * east, r * north
 
 
 def draw_frame(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -52,6 +53,14 @@ from mountnav.solving.contradictions import contradictions_of_hints, contradicti
 from mountnav.solving.priors import CameraPrior, prior_of
 from mountnav.solving.settings import SolveSettings
 from mountnav.solving.special_frames import SpecialFrame, special_frame
+from mountnav.solving.wide_fields import (
+    WideField,
+    bent,
+    lens_for_bent,
+    may_be_wide,
+    solution_of,
+    solve_middle,
+)
 from mountnav.units import julian_year
 
 SPECIAL_SHARE = 0.5
@@ -336,6 +345,7 @@ class _Fitted:
     solution: Solution | None
     quality: SkyQuality | None
     catalog_steps: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
 def _job(frame: Frame, catalog: Catalog, given: Hint | None, settings: SolveSettings) -> _Job:
@@ -449,7 +459,9 @@ def _identify_fast(job: _Job, hint: Hint, reach: Reach) -> FastResult:
 def _answered(job: _Job, measured: _Measured) -> Verdict:
     """The verdict on what was measured."""
     identified, held = _identify(job, measured)
-    verdict = _judge(job, measured, _fit(job, measured, identified))
+    wide = _wide_field(job, measured, identified)
+    fitted = _fit(job, measured, identified) if wide is None else _fit_wide(job, wide)
+    verdict = _judge(job, measured, fitted)
     if job.prior is None:
         return verdict
     prior = job.prior
@@ -509,7 +521,69 @@ def _check(
     return _Checked(light, steps)
 
 
+def _wide_field(job: _Job, measured: _Measured, identified: _Checked | Identified) -> WideField | None:
+    """The lens of a frame that no plate holds, or holds as well; None for all others."""
+    settings = job.settings.identification
+    if settings.v_min_ident is not None:
+        return None  # the paper's own method knows no lenses
+    if isinstance(identified, _Checked):
+        light = identified.light
+        reference = light.found.reference
+        if reference is None or not light.points or light.found.stars is None:
+            return None
+        m = light.measurements
+        if not bent(reference.plate, m.width_px, m.height_px):
+            return None
+        catalog = _catalog_of(light.found.stars, job)
+        if catalog is None:
+            return None
+        return lens_for_bent(light.found, m, lambda: _measured_whole(job, measured), catalog, job.epoch_yr)
+    if not may_be_wide(identified, job.believed, measured.measurements):
+        return None
+    try:
+        return solve_middle(
+            measured.measurements,
+            job.frame.pixels if job.light else None,
+            job.choices[0].catalog,
+            job.believed,
+            replace(job.reach, tried=max(identified.tried, measured.tried)),
+            settings,
+            epoch_yr=job.epoch_yr,
+            budget_s=job.settings.budget_s,
+            sky=lambda stars: _stars_in_cone(stars, job),
+        )
+    except BadCatalog:
+        return None  # what is wrong with it is told by the search before
+
+
+def _measured_whole(job: _Job, measured: _Measured) -> Measurements:
+    """All sources of the frame."""
+    if measured.solved_fast is None or not job.light:
+        return measured.measurements
+    from mountnav.measuring.measure import measure
+
+    return measure(job.frame, settings=job.settings.measuring)
+
+
 # -- fit -----------------------------------------------------------------------------------------------------
+
+
+def _fit_wide(job: _Job, wide: WideField) -> _Fitted:
+    """The solution that a lens gives."""
+    found = Identified(
+        None,
+        wide.fit.stars,
+        None,
+        wide.detail,
+        wide.false_probability,
+        {"pairs": float(len(wide.fit.pairs)), "holds_to_deg": math.degrees(wide.fit.reach_rad)},
+        blind=wide.blind,
+    )
+    solution = solution_of(wide, (*job.choices[0].steps, *wide.fit.stars.steps))
+    m = wide.measurements
+    return _Fitted(
+        found, m, solution, _quality(m.quality, solution, job.zero_adu), solution.catalog_steps, wide.notes
+    )
 
 
 def _fit(job: _Job, measured: _Measured, identified: _Checked | Identified) -> _Fitted:
@@ -538,7 +612,7 @@ def _fit(job: _Job, measured: _Measured, identified: _Checked | Identified) -> _
 
 def _judge(job: _Job, measured: _Measured, fitted: _Fitted) -> Verdict:
     """The verdict: the solution or the reason for none, wrong hints, notes, times."""
-    found, solution, notes = fitted.found, fitted.solution, job.notes
+    found, solution, notes = fitted.found, fitted.solution, (*job.notes, *fitted.notes)
     if solution is None and isinstance(job.catalog, CatalogSet):
         notes = (*notes, *(f"catalog: {step}" for step in fitted.catalog_steps))
     total_s = job.spent_s
@@ -561,12 +635,17 @@ def _judge(job: _Job, measured: _Measured, fitted: _Fitted) -> Verdict:
     )
 
 
-def _stars_in_cone(stars: Stars | None, job: _Job) -> StarsInCone | None:
-    """Where more stars of the same catalog are to be had; None if it is none of those installed."""
+def _catalog_of(stars: Stars | None, job: _Job) -> Catalog | None:
+    """Which of the catalogs stars are from; None if of none that is installed."""
     known = [choice.catalog for choice in job.choices]
     if not isinstance(job.catalog, CatalogSet):
         known.append(job.catalog)
-    of = next((catalog for catalog in known if stars is not None and catalog.name == stars.source), None)
+    return next((catalog for catalog in known if stars is not None and catalog.name == stars.source), None)
+
+
+def _stars_in_cone(stars: Stars | None, job: _Job) -> StarsInCone | None:
+    """Where more stars of the same catalog are to be had; None if it is none of those installed."""
+    of = _catalog_of(stars, job)
     if of is None:
         return None
 

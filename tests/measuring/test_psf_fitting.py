@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +14,7 @@ from scipy.spatial import KDTree
 from mountnav.measuring.cutouts import make_cutouts
 from mountnav.measuring.measure import measure
 from mountnav.measuring.psf import Psf
-from mountnav.measuring.psf_fitting import fit_profiles, nonnegative_pair
+from mountnav.measuring.psf_fitting import fit_profiles, learn_psf, nonnegative_pair
 from tests.measuring.painted import as_frame, painted, scattered, spots, star
 
 SIGMA = 2.354820045
@@ -56,6 +58,26 @@ def test_undersampled_stars_keep_their_place_wherever_they_fall_on_the_pixels(
     assert errors[True] < 6e-4
     if fwhm_px < 1.5:
         assert errors[False] > 3.0 * errors[True]
+
+
+def test_a_star_without_a_good_pixel_says_nothing_of_the_others() -> None:
+    """Its χ² of 0 once made the wings NaN, and with them every star of a crowded frame was lost."""
+    x, y = scattered(25, (200, 200), seed=3)
+    image = painted(x, y, np.full(25, 2e5), fwhm_px=3.0, beta=3.0, size=(200, 200), seed=4) - 1000.0
+    cutouts = make_cutouts(image, np.ones(image.shape, dtype=bool), x, y, np.full(25, 30.0), 5)
+    hidden = cutouts.good.copy()
+    hidden[7] = False
+    told = learn_psf(replace(cutouts, good=hidden), x, y, 1.3, 1.5, integrated=False, card=True)
+    others = learn_psf(
+        cutouts.part(np.arange(25) != 7),
+        np.delete(x, 7),
+        np.delete(y, 7),
+        1.3,
+        1.5,
+        integrated=False,
+        card=True,
+    )
+    assert told == others
 
 
 @pytest.mark.long

@@ -197,6 +197,16 @@ def test_missing_borders_stay_missing_and_infinities_become_so() -> None:
         read_frame(fits_bytes(fits.PrimaryHDU(np.full(SHAPE, np.nan, np.float32))))
 
 
+@pytest.mark.parametrize("absurd", [3e38, -3e38, 2e15])
+def test_pixels_that_no_camera_gives_are_missing(absurd: float) -> None:
+    data = RNG.normal(500, 5, SHAPE).astype(np.float32)
+    data[7, 8:] = absurd
+    pixels = read_frame(fits_bytes(fits.PrimaryHDU(data))).pixels
+    assert np.array_equal(np.isnan(pixels), data == np.float32(absurd))
+    with pytest.raises(BadFrame, match="no pixel"):
+        read_frame(fits_bytes(fits.PrimaryHDU(np.full(SHAPE, absurd, np.float32))))
+
+
 def test_notes_after_the_last_extension_are_passed_over() -> None:
     data = RNG.integers(0, 100, SHAPE).astype(np.int16)
     raw = fits_bytes(fits.PrimaryHDU(data))

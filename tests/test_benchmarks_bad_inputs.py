@@ -1,0 +1,27 @@
+"""Files that hold no sky, at the doors of the solver: none is solved, none breaks anything; a sample."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from benchmarks.bad_inputs import DOORS, KINDS, bad_input, run_here
+
+FIRST = 40_000
+"""Seeds that the figures of the benchmark don't use."""
+COUNT = 60
+
+
+def test_the_same_seed_draws_the_same_file() -> None:
+    for seed in range(FIRST, FIRST + 6):
+        assert bad_input(seed) == bad_input(seed)
+
+
+@pytest.mark.long
+def test_no_bad_file_of_any_kind_is_solved_or_breaks_a_door(sky_index: object) -> None:
+    # memory is the benchmark's to judge: this process has run other tests before
+    tally = run_here(range(FIRST, FIRST + COUNT), DOORS, most_mb=math.inf)
+    assert tally.bad == []
+    assert sum(tally.asked.values()) == COUNT
+    assert {name.split(": ")[1] for name in tally.asked} == set(KINDS)
