@@ -8,11 +8,13 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+from api.problems import Refused
 from api.solver.limits import Limits
 from api.solver.link import Upload, Work
 from api.solver.turns import Turns
 from api.solver.worker import Tell, Worker
 from mountnav.catalog.stars import Catalog
+from mountnav.errors import MountnavError
 from mountnav.frames import Frame
 from mountnav.solution import Verdict
 from mountnav.tasks import begun
@@ -56,6 +58,10 @@ class Pool:
         )
         self._free = list(self._workers)
         self._turns = Turns(size)
+        self._seeking = 0
+        self._starting: set[Worker] = set()
+        self._failed: set[Worker] = set()
+        self._news = asyncio.Event()
 
     @property
     def state(self) -> str:
@@ -85,6 +91,8 @@ class Pool:
     async def close(self) -> None:
         """End the processes; those who wait are told that the service goes down."""
         await asyncio.gather(*(one.close() for one in self._workers))
+        self._failed.update(self._free)  # who still waits for one is told by it that the service goes down
+        self._tell_news()
 
     async def solve(self, work: Work, *, first: bool, owner: str = "") -> Verdict:
         """Solve, once it is its turn.
@@ -123,14 +131,17 @@ class Pool:
     async def _process(self, owner: str, *, first: bool) -> AsyncIterator[Worker]:
         """One of the processes, for one frame."""
         await self._turns.take(owner, first=first)
-        # a warm one if there is one; else the first that isn't started
-        worker = next((one for one in self._free if one.pid is not None), self._free[0])
-        self._free.remove(worker)
+        try:
+            worker = await self._taken()
+        except BaseException:
+            self._turns.give_back(owner, first=first, used_s=0.0)
+            raise
         began_s = time.monotonic()
 
         def given_back() -> None:
             self._free.append(worker)
             self._free.sort(key=self._workers.index)
+            self._tell_news()
             self._turns.give_back(owner, first=first, used_s=time.monotonic() - began_s)
 
         async def later() -> None:
@@ -147,6 +158,46 @@ class Pool:
                 given_back()
             else:
                 begun(later(), "pool", died=lambda _: None)
+
+    async def _taken(self) -> Worker:
+        """A process that is free and warm.
+
+        Where none is, one more is started, and the first that is free serves: a process needs seconds to get
+        warm, and most frames a tenth of one.
+        """
+        self._seeking += 1
+        try:
+            while True:
+                warm = next((one for one in self._free if one.pid is not None and one.is_at_rest), None)
+                failed = next((one for one in self._free if one in self._failed), None)
+                if warm is None and failed is not None:
+                    self._failed.discard(failed)
+                    warm = failed  # who asks it is told why it can't be started
+                if warm is not None:
+                    self._free.remove(warm)
+                    return warm
+                cold = next((one for one in self._free if one not in self._starting), None)
+                if cold is not None and len(self._starting) < self._seeking:
+                    self._starting.add(cold)
+                    begun(self._warmed_up(cold), "pool", died=lambda _: None)
+                await self._news.wait()
+        finally:
+            self._seeking -= 1
+
+    async def _warmed_up(self, worker: Worker) -> None:
+        try:
+            await worker.warm_up()
+            await worker.at_rest()
+        except (MountnavError, Refused):
+            self._failed.add(worker)
+        finally:
+            self._starting.discard(worker)
+            self._tell_news()
+
+    def _tell_news(self) -> None:
+        """A process is free, or can't be had: who waits looks again."""
+        self._news.set()
+        self._news = asyncio.Event()
 
 
 def _of_one(tell: Tell, number: int) -> Tell:

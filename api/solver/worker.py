@@ -65,7 +65,9 @@ _TIMES = {1: "once", 2: "twice"}
 
 @dataclass(slots=True, eq=False)
 class _Request:
-    work: Work | Reading
+    """What is asked; without work the process is only to be there."""
+
+    work: Work | Reading | None
     answer: asyncio.Future[Any]
 
 
@@ -197,7 +199,17 @@ class Worker:
         assert isinstance(frame, Frame)
         return frame
 
-    async def _answer(self, work: Work | Reading, *, first: bool) -> Any:
+    async def warm_up(self) -> None:
+        """Have the process there, started if need be.
+
+        Raises
+        ------
+        DeviceError
+            It can't be started.
+        """
+        await self._answer(None, first=True)
+
+    async def _answer(self, work: Work | Reading | None, *, first: bool) -> Any:
         if self._state == "ended":
             raise _going_down()
         self.open(self._index)
@@ -282,12 +294,15 @@ class Worker:
                 warm = self._warm or await self._start()
                 if request.answer.done():
                     return None
-                return await self._asked(warm, request)
+                if request.work is None:
+                    request.answer.set_result(None)
+                    return None
+                return await self._asked(warm, request, request.work)
             except ProcessEnded as ended:
                 fault = ended
                 _log.error("the solver died: %s", ended)
                 await self._drop()
-                if ended.out_of_cpu:
+                if ended.out_of_cpu and request.work is not None:
                     return self._given_up(request.work, "it used up its CPU time")
         times = _TIMES.get(self._tries, f"{self._tries} times")
         raise DeviceError(
@@ -333,9 +348,9 @@ class Worker:
             self._state, self._grown_mb = "starting", 0.0
             await asyncio.shield(link.close())
 
-    async def _asked(self, warm: _Warm, request: _Request) -> Verdict | Frame | None:
+    async def _asked(self, warm: _Warm, request: _Request, work: Work | Reading) -> Verdict | Frame | None:
         """Ask the process, for no longer than the work may take and somebody waits for it."""
-        work, answer = request.work, request.answer
+        answer = request.answer
         files: list[int] = []
         try:
             if isinstance(work.source, Upload):
@@ -347,7 +362,7 @@ class Worker:
             if answer.done():
                 return None
             task = Read(work.source.name) if isinstance(work, Reading) else self._task(warm, work)
-            done = await self._waited_for(warm, request, waited_for(warm.link.ask(task, *files)))
+            done = await self._waited_for(warm, request, work, waited_for(warm.link.ask(task, *files)))
             if not isinstance(done, Done):
                 return done
             self._state, self._grown_mb = "ready", done.grown_mb
@@ -365,10 +380,10 @@ class Worker:
                 os.close(file)
 
     async def _waited_for(
-        self, warm: _Warm, request: _Request, reply: asyncio.Task[Any]
+        self, warm: _Warm, request: _Request, work: Work | Reading, reply: asyncio.Task[Any]
     ) -> Done | Verdict | None:
         """The process's answer, or what is said instead when it had to be ended."""
-        work, answer = request.work, request.answer
+        answer = request.answer
         self._state = "solving"
         try:
             limit_s = self._margin_s
