@@ -43,6 +43,9 @@ CHUNK_FRAMES, MOST_CHUNK_FRAMES = 1000, 100_000
 """Frames of a chunk: minutes of one core at 5 frames a second; more than the most is a typing error. Doubled,
 a killed worker loses twice as much; halved, there are twice as many files."""
 
+CAMERAS_SHOWN = 50
+"""Cameras that `learn` tells of though it learned nothing of them."""
+
 archive_app = typer.Typer(
     name="archive",
     help="Solves archives of many frames on one or many computers, and keeps account of each frame.",
@@ -215,7 +218,12 @@ def learn(archive: Where, run: Run = None) -> None:
 
     folder, run_folder = _opened(archive, run)
     new, found = taught(folder, run_folder)
-    sys.stdout.write("".join(f"{learned_words(one)}\n" for one in found))
+    shown = [one for at, one in enumerate(found) if one.prior is not None or at < CAMERAS_SHOWN]
+    sys.stdout.write("".join(f"{learned_words(one)}\n" for one in shown))
+    if len(shown) < len(found):
+        sys.stdout.write(
+            f"and {len(found) - len(shown)} cameras of fewer frames, of which nothing was learned\n"
+        )
     if new is None:
         _say("nothing was learned, so no run was begun: solve some chunks of each camera first")
         raise typer.Exit(1)

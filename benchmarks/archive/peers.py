@@ -105,11 +105,11 @@ def main() -> None:
         if shutil.which("solve-field"):
             parts = []
             for at, job in enumerate(jobs):
-                output = ["--dir", f"sf{at}", "--wcs", "found.wcs", "--solved", "none"]
+                output = ["--dir", f"sf{at}", "--wcs", f"sf{at}.wcs", "--solved", "none"]
                 options = SolveField._options(job, blind=False)
                 parts.append(["solve-field", *QUIET, *options, *output, str(job.path)])
             spent = parallel(parts, asked, folder)
-            told("solve-field", spent, len(list(folder.glob("sf*/found.wcs"))))
+            told("solve-field", spent, len(list(folder.glob("sf*.wcs"))))
         if shutil.which("astap_cli"):
             astap = Astap(folder, catalog)
             parts = []

@@ -35,6 +35,14 @@ MOST_FALSE = 1e-9
 """False probability of the frames that teach, at most: a wrong one has no say."""
 
 
+MOST_FRAMES = 10_000
+"""Frames of a camera that teach, the first ones of the list: more tell nothing new, and take memory."""
+
+MOST_CAMERAS = 1000
+"""Cameras whose scales are kept, those with most frames: each frame looks through all of them, and lists of
+stars that tell no size make a camera each."""
+
+
 @dataclass(frozen=True, slots=True)
 class Learned:
     """What is known of a camera.
@@ -75,6 +83,11 @@ class _Seen:
 def learned(run: RunFolder, chunks: Iterable[int]) -> list[Learned]:
     """What finished chunks of a run teach: the same for the same chunks, in whatever order they are named.
 
+    Returns
+    -------
+    list of Learned
+        Those with the most frames first, at most `MOST_CAMERAS`.
+
     Raises
     ------
     BadRequest
@@ -92,10 +105,14 @@ def learned(run: RunFolder, chunks: Iterable[int]) -> list[Learned]:
                 continue
             camera = *named[row["number"]], int(row["width_px"] or 0), int(row["height_px"] or 0)
             one = seen[camera]
+            if len(one.scales) >= MOST_FRAMES:
+                continue
             one.scales.append(float(row["scale_arcsec_px"] or 0.0))
             one.rotations.append(float(row["rotation_deg"] or 0.0))
             one.parities.add(int(row["parity"] or 0))
-    return [_of(camera, seen[camera]) for camera in sorted(seen)]
+    # sorted twice: by frames, and where these are as many by name
+    likely = sorted(sorted(seen), key=lambda camera: -len(seen[camera].scales))[:MOST_CAMERAS]
+    return [_of(camera, seen[camera]) for camera in likely]
 
 
 def _of(camera: tuple[str, str, int, int], seen: _Seen) -> Learned:

@@ -63,6 +63,10 @@ from mountnav.solving.wide_fields import (
 )
 from mountnav.units import julian_year
 
+PRIOR_SHARE = 0.25
+"""Of the budget that is left, for a search with a prior: what is found so takes a hundredth of it, and what
+isn't needs the rest. Chosen by hand."""
+
 SPECIAL_SHARE = 0.5
 """Of the budget, for a frame that was made ordinary; chosen by hand."""
 
@@ -412,7 +416,9 @@ def _measure(job: _Job) -> _Measured:
     measure_s, searched_s, tried = job.read_s, 0.0, job.reach.tried
     for hint, reach in job.turns():
         computed_s = time.thread_time()
-        fast = _identify_fast(job, hint, replace(reach, tried=tried))
+        left_s = job.settings.budget_s - searched_s
+        share = PRIOR_SHARE if hint is job.narrowed else 1.0
+        fast = _identify_fast(job, hint, replace(reach, tried=tried), share * left_s)
         searched_s += max(0.0, time.thread_time() - computed_s - fast.measure_s)
         measure_s += fast.measure_s
         tried = fast.tried
@@ -434,7 +440,7 @@ def _measure(job: _Job) -> _Measured:
     return _Measured(measurements, len(measurements), measure_s, searched_s, tried)
 
 
-def _identify_fast(job: _Job, hint: Hint, reach: Reach) -> FastResult:
+def _identify_fast(job: _Job, hint: Hint, reach: Reach, budget_s: float) -> FastResult:
     """Try with the brightest sources alone, where the settings allow it."""
     settings, nothing = job.settings, FastResult(tried=reach.tried)
     if not settings.glance or settings.identification.v_min_ident is not None:
@@ -447,7 +453,7 @@ def _identify_fast(job: _Job, hint: Hint, reach: Reach) -> FastResult:
             epoch_yr=job.epoch_yr,
             settings=settings.identification,
             measuring=settings.measuring,
-            budget_s=settings.budget_s,
+            budget_s=budget_s,
             reach=reach,
         )
     except BadCatalog:
@@ -487,6 +493,7 @@ def _identify(job: _Job, measured: _Measured) -> tuple[_Checked | Identified, bo
     tried, began_s = measured.tried, time.thread_time()
     for hint, reach in job.turns():
         assumed = hint is job.narrowed
+        left_s = job.settings.budget_s - measured.searched_s - (time.thread_time() - began_s)
         found = identify_with_catalogs(
             job.choices[:1] if assumed else job.choices,
             measured.measurements,
@@ -494,7 +501,7 @@ def _identify(job: _Job, measured: _Measured) -> tuple[_Checked | Identified, bo
             replace(reach, tried=tried),
             job.settings,
             job.epoch_yr,
-            job.settings.budget_s - measured.searched_s - (time.thread_time() - began_s),
+            (PRIOR_SHARE if assumed else 1.0) * left_s,
         )
         if found.reference is not None:
             return _check(job, found, measured.measurements), assumed

@@ -66,6 +66,17 @@ def test_frames_that_may_be_false_have_no_say(tmp_path: Path) -> None:
     assert learned(run, [0]) == []
 
 
+def test_thousands_of_cameras_and_frames_are_cut_to_those_that_teach_most(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mountnav.archive.learning.MOST_CAMERAS", 2)
+    monkeypatch.setattr("mountnav.archive.learning.MOST_FRAMES", 9)
+    run = RunFolder(tmp_path / "run")
+    for number, width in enumerate((30, 10, 20)):
+        _chunk(run, number, [2.0] * (10 - number), width_px=width)
+    assert [(one.width_px, one.frames) for one in learned(run, [0, 1, 2])] == [(10, 9), (30, 9)]
+
+
 @given(st.floats(0.0, 359.0), st.lists(st.floats(0.0, 170.0), max_size=20))
 def test_the_arc_has_all_angles_and_is_the_shortest(start: float, further: list[float]) -> None:
     low, high = _arc([(start + one) % 360.0 for one in (0.0, *further)])

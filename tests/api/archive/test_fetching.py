@@ -7,6 +7,7 @@ import functools
 import hashlib
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -14,7 +15,11 @@ import pytest
 
 from api.archive.fetching import fetched
 from api.archive.listing import listed_frames
+from mountnav.archive.folder import Folder
+from mountnav.archive.tables import read_rows
 from mountnav.errors import BadRequest
+from tests.api.archive.conftest import SOLVING
+from tests.api.command_here import run_here
 
 CONTENT = bytes(range(256)) * 40_000
 
@@ -30,17 +35,23 @@ class _Quiet(SimpleHTTPRequestHandler):
             super().do_GET()
 
 
-@pytest.fixture
-def served(tmp_path: Path) -> Iterator[str]:
-    """A server of a folder with a frame."""
-    (tmp_path / "a.fits").write_bytes(CONTENT)
-    server = ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Quiet, directory=str(tmp_path)))
+@contextmanager
+def _serving(folder: Path) -> Iterator[str]:
+    server = ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Quiet, directory=str(folder)))
     server.asked = threading.Event()  # type: ignore[attr-defined]
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield f"http://127.0.0.1:{server.server_address[1]}"
     server.asked.set()  # type: ignore[attr-defined]
     server.shutdown()
     server.server_close()
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[str]:
+    """A server of a folder with a frame."""
+    (tmp_path / "a.fits").write_bytes(CONTENT)
+    with _serving(tmp_path) as address:
+        yield address
 
 
 def test_a_frame_comes_from_a_server_as_from_the_disk(served: str, tmp_path: Path) -> None:
@@ -87,3 +98,20 @@ def test_a_row_that_makes_no_sense_is_refused_with_its_number(tmp_path: Path, co
     (tmp_path / "t.csv").write_text(content)
     with pytest.raises(BadRequest, match="row 1"):
         list(listed_frames([str(tmp_path / "t.csv")], None))
+
+
+@pytest.mark.long
+def test_an_archive_from_a_server_is_that_from_the_disk(lists: Path, tmp_path: Path) -> None:
+    head, *rows = lists.read_text().splitlines()[:4]
+    with _serving(lists.parent) as address:
+        for name, where in (("near", str(lists.parent)), ("far", address)):
+            table = tmp_path / f"{name}.csv"
+            table.write_text("\n".join([head, *(f"{where}/{row}" for row in rows)]) + "\n")
+            made = run_here("archive", "init", tmp_path / name, "--frames", table, *SOLVING)
+            assert made.returncode == 0, made.stderr
+            assert run_here("archive", "work", tmp_path / name).returncode == 0
+    near, far = (Folder.open(tmp_path / name).run(None).chunk(0) for name in ("near", "far"))
+    assert (near / "solutions.parquet").read_bytes() == (far / "solutions.parquet").read_bytes()
+    hashes = [[row["sha256"] for row in read_rows(chunk / "frames.parquet")] for chunk in (near, far)]
+    assert hashes[0] == hashes[1]
+    assert len(set(hashes[0])) == 3
