@@ -38,8 +38,12 @@ from mountnav.client.targets import Target, instant
 Order = dict[str, Any]
 
 
-def _order(kind: str, **fields: Any) -> Order:
-    return {"kind": kind, **{name: value for name, value in fields.items() if value is not None}}
+def _order(kind: str, fields: dict[str, Any]) -> Order:
+    """An order of what a caller gave: what is None was left out."""
+    given = {name: value for name, value in fields.items() if value is not None}
+    return {"kind": kind} | {
+        name: instant(value) if isinstance(value, datetime) else value for name, value in given.items()
+    }
 
 
 At = str | dict[str, float]
@@ -87,10 +91,6 @@ def _type(annotation: object) -> str:
     return " | ".join(words)
 
 
-def _is_instant(field: FieldInfo) -> bool:
-    return any(member == Instant for member in _members(field.annotation))
-
-
 def _parameters(fields: dict[str, FieldInfo]) -> str:
     needed = [f"{name}: {_type(field.annotation)}" for name, field in fields.items() if field.is_required()]
     others = []
@@ -125,15 +125,11 @@ def _function(kind: str, order: type[OrderBody]) -> str:
     """A function that makes one kind of order: what it needs first, a target before all."""
     fields = {name: field for name, field in order.model_fields.items() if name != "kind"}
     fields = dict(sorted(fields.items(), key=lambda item: (not item[1].is_required(), item[0] != "target")))
-    given = [f'"{kind}"']
-    for name, field in fields.items():
-        value = f"None if {name} is None else instant({name})" if _is_instant(field) else name
-        given.append(f"{name}={value}")
     docstring = textwrap.indent(f'"""{_docstring(order, fields)}"""', "    ")
     return (
         f"def {kind.replace('-', '_')}({_parameters(fields)}) -> Order:\n"
         f"{docstring}\n"
-        f"    return _order({', '.join(given)})\n"
+        f'    return _order("{kind}", locals())\n'
     )
 
 

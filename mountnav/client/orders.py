@@ -14,8 +14,12 @@ from mountnav.client.targets import Target, instant
 Order = dict[str, Any]
 
 
-def _order(kind: str, **fields: Any) -> Order:
-    return {"kind": kind, **{name: value for name, value in fields.items() if value is not None}}
+def _order(kind: str, fields: dict[str, Any]) -> Order:
+    """An order of what a caller gave: what is None was left out."""
+    given = {name: value for name, value in fields.items() if value is not None}
+    return {"kind": kind} | {
+        name: instant(value) if isinstance(value, datetime) else value for name, value in given.items()
+    }
 
 
 At = str | dict[str, float]
@@ -31,7 +35,7 @@ def slew(target: Target, *, at: At | None = None) -> Order:
         To which point of the camera the target is brought: a name of `[[telescope.point]]`, or a pixel;
         left out: the frame's middle.
     """
-    return _order("slew", target=target, at=at)
+    return _order("slew", locals())
 
 
 def center(
@@ -62,19 +66,7 @@ def center(
         Position angle of the image's +y, north through east; of a named point its own direction. A
         rotator turns it there, and looks confirm it.
     """
-    return _order(
-        "center",
-        target=target,
-        angle_tolerance_deg=angle_tolerance_deg,
-        either_way=either_way,
-        tolerance_arcsec=tolerance_arcsec,
-        max_tries=max_tries,
-        timeout_s=timeout_s,
-        correct_by=correct_by,
-        planned_s=planned_s,
-        at=at,
-        position_angle_deg=position_angle_deg,
-    )
+    return _order("center", locals())
 
 
 def look(*, exposure_s: float | None = None, persistent: bool | None = None, at: At | None = None) -> Order:
@@ -87,22 +79,22 @@ def look(*, exposure_s: float | None = None, persistent: bool | None = None, at:
     at : At, optional
         Of a look: tell where this point looks, too.
     """
-    return _order("look", exposure_s=exposure_s, persistent=persistent, at=at)
+    return _order("look", locals())
 
 
 def sync() -> Order:
     """Look, and tell the mount where it truly points."""
-    return _order("sync")
+    return _order("sync", locals())
 
 
 def sync_to(target: Target) -> Order:
     """Tell the mount that it points at these coordinates: a planetarium's sync, believed within bounds."""
-    return _order("sync-to", target=target)
+    return _order("sync-to", locals())
 
 
 def offset(east_arcsec: float, north_arcsec: float) -> Order:
     """Nudge: slew by so much on the sky, east and north positive."""
-    return _order("offset", east_arcsec=east_arcsec, north_arcsec=north_arcsec)
+    return _order("offset", locals())
 
 
 def flip(target: Target, *, planned_s: float | None = None, at: At | None = None) -> Order:
@@ -116,7 +108,7 @@ def flip(target: Target, *, planned_s: float | None = None, at: At | None = None
         To which point of the camera the target is brought: a name of `[[telescope.point]]`, or a pixel;
         left out: the frame's middle.
     """
-    return _order("flip", target=target, planned_s=planned_s, at=at)
+    return _order("flip", locals())
 
 
 def follow(
@@ -147,51 +139,42 @@ def follow(
     at : At, optional
         To which point it is brought, by what solves have taught.
     """
-    return _order(
-        "follow",
-        target=target,
-        duration_s=duration_s,
-        until_utc=None if until_utc is None else instant(until_utc),
-        tolerance_arcsec=tolerance_arcsec,
-        exposure_s=exposure_s,
-        look_every_s=look_every_s,
-        at=at,
-    )
+    return _order("follow", locals())
 
 
 def forget_rates() -> Order:
     """Forget what looks have taught of how the mount keeps rates: they are sent as they are again."""
-    return _order("forget-rates")
+    return _order("forget-rates", locals())
 
 
 def park() -> Order:
     """Go to the park position and stay."""
-    return _order("park")
+    return _order("park", locals())
 
 
 def unpark() -> Order:
     """Be ready to move again."""
-    return _order("unpark")
+    return _order("unpark", locals())
 
 
 def set_park() -> Order:
     """Take the present place for the park position."""
-    return _order("set-park")
+    return _order("set-park", locals())
 
 
 def home() -> Order:
     """Go home, or find it by its sensors."""
-    return _order("home")
+    return _order("home", locals())
 
 
 def tracking(on: bool, *, rate: Literal["sidereal", "lunar", "solar", "king"] | None = None) -> Order:
     """Follow the sky, or rest."""
-    return _order("tracking", on=on, rate=rate)
+    return _order("tracking", locals())
 
 
 def guide(direction: Literal["n", "s", "e", "w"], duration_s: float) -> Order:
     """Move at the guide rate for a moment."""
-    return _order("guide", direction=direction, duration_s=duration_s)
+    return _order("guide", locals())
 
 
 def offset_rates(ra_arcsec_s: float, dec_arcsec_s: float, *, for_s: float | None = None) -> Order:
@@ -210,7 +193,7 @@ def offset_rates(ra_arcsec_s: float, dec_arcsec_s: float, *, for_s: float | None
     for_s : float, optional
         They end by themselves after so many seconds; limits are checked up to then.
     """
-    return _order("offset-rates", ra_arcsec_s=ra_arcsec_s, dec_arcsec_s=dec_arcsec_s, for_s=for_s)
+    return _order("offset-rates", locals())
 
 
 def trust() -> Order:
@@ -218,12 +201,12 @@ def trust() -> Order:
 
     Needs the role configure.
     """
-    return _order("trust")
+    return _order("trust", locals())
 
 
 def set_site_time() -> Order:
     """Set the mount's site and clock to this service's. Moves nothing; its position may count no more."""
-    return _order("set-site-time")
+    return _order("set-site-time", locals())
 
 
 def accept_site_time() -> Order:
@@ -231,17 +214,17 @@ def accept_site_time() -> Order:
 
     Needs the role configure.
     """
-    return _order("accept-site-time")
+    return _order("accept-site-time", locals())
 
 
 def recover(*, exposure_s: float | None = None) -> Order:
     """Tell a lost mount where it points: two looks anywhere in the sky that agree, then a sync."""
-    return _order("recover", exposure_s=exposure_s)
+    return _order("recover", locals())
 
 
 def first_light(*, exposure_s: float | None = None) -> Order:
     """Tell a telescope set up by eye where it points, and learn its camera: looks and small moves."""
-    return _order("first-light", exposure_s=exposure_s)
+    return _order("first-light", locals())
 
 
 def rotate(
@@ -264,14 +247,7 @@ def rotate(
     trust_count : bool, optional
         An operator's word that the rotator's cables lie as its count says. Needs configure.
     """
-    return _order(
-        "rotate",
-        position_angle_deg=position_angle_deg,
-        angle_tolerance_deg=angle_tolerance_deg,
-        either_way=either_way,
-        exposure_s=exposure_s,
-        trust_count=trust_count,
-    )
+    return _order("rotate", locals())
 
 
 def spiral_search(
@@ -293,16 +269,7 @@ def spiral_search(
     field_deg : float, optional
         That side; left out: by what is known of the camera.
     """
-    return _order(
-        "spiral-search",
-        target=target,
-        radius_deg=radius_deg,
-        step_share=step_share,
-        field_deg=field_deg,
-        most_looks=most_looks,
-        most_s=most_s,
-        exposure_s=exposure_s,
-    )
+    return _order("spiral-search", locals())
 
 
 def solve(
@@ -341,18 +308,7 @@ def solve(
     budget_s : float, optional
         With a path.
     """
-    return _order(
-        "solve",
-        path=path,
-        exposure_s=exposure_s,
-        ra_deg=ra_deg,
-        dec_deg=dec_deg,
-        radius_deg=radius_deg,
-        scale_low_arcsec_px=scale_low_arcsec_px,
-        scale_high_arcsec_px=scale_high_arcsec_px,
-        blind=blind,
-        budget_s=budget_s,
-    )
+    return _order("solve", locals())
 
 
 def series(
@@ -371,7 +327,7 @@ def series(
     every_s : float, optional
         From the beginning of a look to that of the next, at least.
     """
-    return _order("series", target=target, looks=looks, every_s=every_s, exposure_s=exposure_s)
+    return _order("series", locals())
 
 
 def hold(
@@ -404,17 +360,7 @@ def hold(
     play_arcsec : float, optional
         Backlash in declination, if known; else it is learned.
     """
-    return _order(
-        "hold",
-        target=target,
-        for_s=for_s,
-        every_s=every_s,
-        exposure_s=exposure_s,
-        by=by,
-        looks=looks,
-        period_s=period_s,
-        play_arcsec=play_arcsec,
-    )
+    return _order("hold", locals())
 
 
 def dither(
@@ -446,18 +392,7 @@ def dither(
     settle_looks : int, optional
         So many in a row must be within that.
     """
-    return _order(
-        "dither",
-        pattern=pattern,
-        bound=bound,
-        unit=unit,
-        steps=steps,
-        seed=seed,
-        number=number,
-        settle_within=settle_within,
-        settle_looks=settle_looks,
-        timeout_s=timeout_s,
-    )
+    return _order("dither", locals())
 
 
 def model_run(
@@ -479,9 +414,7 @@ def model_run(
     put_in_force : bool, optional
         Write it to `[telescope.model]` file and aim by it, if it is accepted. Needs configure.
     """
-    return _order(
-        "model-run", points=points, spread=spread, seed=seed, exposure_s=exposure_s, put_in_force=put_in_force
-    )
+    return _order("model-run", locals())
 
 
 def mosaic(
@@ -535,27 +468,7 @@ def mosaic(
         To which point of the camera the target is brought: a name of `[[telescope.point]]`, or a pixel;
         left out: the frame's middle.
     """
-    return _order(
-        "mosaic",
-        target=target,
-        across=across,
-        down=down,
-        overlap=overlap,
-        width_deg=width_deg,
-        height_deg=height_deg,
-        offsets_arcsec=offsets_arcsec,
-        pattern_angle_deg=pattern_angle_deg,
-        turn_field=turn_field,
-        angle_tolerance_deg=angle_tolerance_deg,
-        snake=snake,
-        from_panel=from_panel,
-        until=until,
-        frames=frames,
-        dwell_s=dwell_s,
-        most_s=most_s,
-        tolerance_arcsec=tolerance_arcsec,
-        at=at,
-    )
+    return _order("mosaic", locals())
 
 
 def move_axis(
@@ -582,4 +495,4 @@ def move_axis(
         Goes into this job alone, the one that the first order of a motion began: refused once that has
         ended, so that an order that comes late moves nothing.
     """
-    return _order("move-axis", axis=axis, rate_deg_s=rate_deg_s, for_s=for_s, job_id=job_id)
+    return _order("move-axis", locals())

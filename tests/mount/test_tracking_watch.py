@@ -207,6 +207,54 @@ def test_a_mount_that_can_not_be_trusted_does_not_track_on_for_ever() -> None:
     assert "can't be trusted" in str(faults(rig)[0]["why"])
 
 
+@pytest.mark.long
+def test_where_it_can_t_park_it_is_not_left_standing_in_the_suns_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(SimulatedMount, "skills", frozenset({Skill.TRACK}))
+    apart_deg: list[float] = []
+
+    async def work(rig: Rig) -> None:
+        await rig.mount.slew(rig.place(-130.0, 46.0))
+        while not faults(rig):
+            await rig.clock.sleep(30.0)
+        for _ in range(10):
+            await rig.clock.sleep(120.0)
+            sun = position_of_body("sun", rig.clock.utc(), SITE)
+            apart_deg.append(separation_arcsec(rig.mechanics.truth(), sun) / 3600.0)
+        # standing still the Sun would come nearer: it tracks on, and that is told
+        assert rig.mechanics.tracking
+
+    dawn = datetime(2026, 6, 21, 1, 0, tzinfo=UTC)
+    rig = run(work, limits=Limits(2.0, sun_cone_deg=35.0), utc=dawn)
+    assert min(apart_deg) > apart_deg[0] - 0.1
+    failed = [facts for what, facts in rig.told if what == "limit-stop-failed"]
+    assert "can't park" in str(failed[0]["error"])
+
+
+@pytest.mark.long
+def test_where_tracking_is_not_switched_off_it_is_stopped_and_tried_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    switch, deaf = SimulatedMount.set_tracking, [2]
+
+    async def set_tracking(mount: SimulatedMount, on: bool, *rate: Any) -> None:
+        if not on and deaf[0] > 0:
+            deaf[0] -= 1
+            raise DeviceSilent("no answer")
+        await switch(mount, on, *rate)
+
+    monkeypatch.setattr(SimulatedMount, "set_tracking", set_tracking)
+
+    async def work(rig: Rig) -> None:
+        await rig.mount.slew(rig.place(78.0, 20.0))
+        while rig.mechanics.tracking:
+            await rig.clock.sleep(5.0)
+            assert altitude_deg(rig) >= 14.5
+
+    rig = run(work)
+    assert deaf == [0]
+    assert "stop" in [order for order, _ in rig.outcomes()]
+
+
 def test_a_quiet_night_is_not_disturbed() -> None:
     readings: list[float] = []
 
@@ -233,7 +281,8 @@ def test_a_link_that_is_lost_does_not_end_the_watch() -> None:
 
 
 @pytest.mark.long
-def test_a_mount_that_has_no_word_for_rest_is_parked(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("tells", [True, False])
+def test_a_mount_that_has_no_word_for_rest_is_parked(tells: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     # as classic hand controls: a stop ends slews, and tracking goes on
     skills = frozenset({Skill.PARK, Skill.UNPARK})
     monkeypatch.setattr(SimulatedMount, "skills", skills)
@@ -247,7 +296,7 @@ def test_a_mount_that_has_no_word_for_rest_is_parked(monkeypatch: pytest.MonkeyP
             assert altitude_deg(rig) >= 20.0 or rig.mechanics.parking
         assert rig.mechanics.parked
 
-    rig = run(work, limits=Limits(20.0, margin_deg=0.06), behavior=MountBehavior(tells_motion=True))
+    rig = run(work, limits=Limits(20.0, margin_deg=0.06), behavior=MountBehavior(tells_motion=tells))
     assert [one.order for one in rig.journal.commands] == ["slew", "stop", "park"]
 
 

@@ -14,7 +14,7 @@ from drivers.fakes.bench import FakeOnPty
 from drivers.registry import make_fake, open_mount
 from mountnav.clock import SystemClock, utc_now
 from mountnav.devices import ConnectReport, for_mount
-from mountnav.errors import DeviceRefused, Refusal
+from mountnav.errors import DeviceRefused, DeviceSilent, Refusal
 from mountnav.journal.memory import MemoryJournal
 from mountnav.journal.records import EntryKind
 from mountnav.mount import CheckedMount
@@ -252,6 +252,23 @@ def test_set_right_at_its_hand_control_it_is_slewed_without_a_restart() -> None:
         await jumped(rig)
         await rig.slew(rig.up())
         assert rig.mount.contradiction is None
+
+    rigged(night)
+
+
+def test_a_link_lost_while_its_site_is_set_leaves_no_trust(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def night(rig: SyncRig) -> None:
+        assert rig.mount.trusted
+
+        async def cut_short() -> None:
+            raise DeviceSilent("no answer")
+
+        monkeypatch.setattr(rig.driver, "set_site_and_time", cut_short)
+        with pytest.raises(DeviceSilent):
+            await rig.mount.set_site_and_time()
+        assert not rig.mount.trusted
+        with pytest.raises(DeviceRefused, match="how far isn't known"):
+            await rig.slew(rig.up())
 
     rigged(night)
 

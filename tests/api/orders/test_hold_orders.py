@@ -9,13 +9,13 @@ from dataclasses import replace
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from api.events import Events
 from api.orders.hold_orders import run_dither, run_hold
 from api.orders.job_views import result_view
-from api.orders.jobs import Job, Jobs, JobState, TelescopeBusy
+from api.orders.jobs import Jobs, JobState, TelescopeBusy
 from api.orders.results import Attempt, DitherView, HoldView
 from api.orders.vocabulary import DitherOrder, HoldOrder
 from mountnav.client import orders as client_orders
+from tests.api.orders.job_work import ended, forever, nothing
 from tests.mount.following_rig import FollowingMount
 from tests.navigation.virtual_rig import ERRORS, POLICY, VirtualRig, in_virtual_time
 
@@ -88,59 +88,41 @@ def test_the_clients_orders_are_the_services() -> None:
     assert DitherOrder.model_validate(dither).number == 3
 
 
-@pytest.fixture
-def jobs() -> Jobs:
-    return Jobs(Events(100), kept=10)
-
-
-async def _forever() -> object:
-    return await asyncio.Event().wait()
-
-
-async def _nothing() -> object:
-    return None
-
-
-async def _ended(job: Job) -> Job:
-    await job.ended.wait()
-    return job
-
-
 async def test_a_job_within_another_leaves_that_the_telescope(jobs: Jobs) -> None:
-    hold = jobs.start("hold", "east", {}, _forever)
-    inner = jobs.start("dither", "east", {}, _nothing, within="hold")
+    hold = jobs.start("hold", "east", {}, forever)
+    inner = jobs.start("dither", "east", {}, nothing, within="hold")
     assert jobs.running_on("east") is hold
-    assert (await _ended(inner)).state is JobState.SUCCEEDED
+    assert (await ended(inner)).state is JobState.SUCCEEDED
     assert not hold.is_over
     with pytest.raises(TelescopeBusy):
-        jobs.start("look", "east", {}, _nothing, within=None)
+        jobs.start("look", "east", {}, nothing, within=None)
     with pytest.raises(TelescopeBusy):
-        jobs.start("dither", "east", {}, _nothing, within="series")
+        jobs.start("dither", "east", {}, nothing, within="series")
     jobs.cancel(hold)
-    await _ended(hold)
+    await ended(hold)
     # where none is under way it holds the telescope by itself
-    alone = jobs.start("dither", "east", {}, _forever, within="hold")
+    alone = jobs.start("dither", "east", {}, forever, within="hold")
     assert jobs.running_on("east") is alone
     jobs.cancel(alone)
-    await _ended(alone)
+    await ended(alone)
 
 
 async def test_a_job_within_another_ends_with_it(jobs: Jobs) -> None:
-    hold = jobs.start("hold", "east", {}, _forever)
-    running = jobs.start("dither", "east", {}, _forever, within="hold")
+    hold = jobs.start("hold", "east", {}, forever)
+    running = jobs.start("dither", "east", {}, forever, within="hold")
     await asyncio.sleep(0)
     await asyncio.sleep(0)
-    queued = jobs.start("dither", "east", {"number": 2}, _forever, within="hold")
+    queued = jobs.start("dither", "east", {"number": 2}, forever, within="hold")
     jobs.cancel(hold, "stopped on request")
     for job in (hold, running, queued):
-        assert (await _ended(job)).state is JobState.CANCELLED
+        assert (await ended(job)).state is JobState.CANCELLED
     assert jobs.running_on("east") is None
 
 
 async def test_a_job_within_another_ends_when_that_ends_by_itself(jobs: Jobs) -> None:
     over = asyncio.Event()
     hold = jobs.start("hold", "east", {}, over.wait)
-    inner = jobs.start("dither", "east", {}, _forever, within="hold")
+    inner = jobs.start("dither", "east", {}, forever, within="hold")
     over.set()
-    assert (await _ended(hold)).state is JobState.SUCCEEDED
-    assert (await _ended(inner)).state is JobState.CANCELLED
+    assert (await ended(hold)).state is JobState.SUCCEEDED
+    assert (await ended(inner)).state is JobState.CANCELLED

@@ -7,7 +7,6 @@ import multiprocessing
 import pickle
 import socket
 import threading
-from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -25,24 +24,11 @@ from mountnav.errors import BadRequest
 from mountnav.settings.catalogs import OnlineSettings
 from mountnav.sky.coordinates import Icrs
 from tests.catalog.online import star_server as moods
-from tests.catalog.online.star_server import StarServer, star_server
+from tests.catalog.online.star_server import StarServer
 
 TAP = {"protocol": "tap", "table": "own.stars", "columns": {"ra": "raj2000", "dec": "dej2000"}}
 CONE = {"protocol": "cone", "table": ""}
 KINDS = pytest.mark.parametrize("kind", [{}, TAP, CONE], ids=["vizier", "tap", "cone"])
-
-
-@pytest.fixture
-def server() -> Iterator[StarServer]:
-    with star_server() as started:
-        yield started
-
-
-@pytest.fixture(autouse=True)
-def _nobody_rests() -> Iterator[None]:
-    rest._failures.clear()
-    yield
-    rest._failures.clear()
 
 
 def online(server: StarServer, cache: Path, **given: object) -> OnlineCatalog:

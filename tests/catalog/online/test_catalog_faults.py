@@ -7,7 +7,6 @@ import socket
 import threading
 import time
 import tracemalloc
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,24 +18,11 @@ from mountnav.catalog.online.request import NotAnswered, Unusable
 from mountnav.errors import StarsUnavailable
 from mountnav.sky.coordinates import Icrs
 from tests.catalog.online import star_server as moods
-from tests.catalog.online.star_server import Mood, StarServer, star_server
+from tests.catalog.online.star_server import Mood, StarServer
 
 CENTER, RADIUS_DEG, EPOCH_YR = Icrs(100.0, 20.0), 0.3, 2026.9
 PATIENT_S = 60.0
 SHORT_S = 0.7
-
-
-@pytest.fixture
-def server() -> Iterator[StarServer]:
-    with star_server() as started:
-        yield started
-
-
-@pytest.fixture(autouse=True)
-def _nobody_rests() -> Iterator[None]:
-    rest._failures.clear()
-    yield
-    rest._failures.clear()
 
 
 def online(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
@@ -11,25 +10,13 @@ import pytest
 from drivers.nexstar.fake import FakeNexstar
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Site
+from tests.drivers.transcripts import dialogue
 
 _HEX = re.compile(rb"[0-9A-F]")
 # what varies with the sky is compared by form, what varies with the clock by length and end
 _PLACES, _CLOCK = (b"e",), (b"i", b"h")
 # a goto takes as long as the mechanics need, which were not the recorded ones
 _BUSY = (b"L",)
-
-
-def dialogue(path: Path) -> list[tuple[float, bytes, bytes]]:
-    """Each command with its time and all that was answered to it."""
-    pairs: list[tuple[float, bytes, bytes]] = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        entry = json.loads(line)
-        if entry["dir"] == "driver->mount":
-            pairs.append((entry["t"], bytes.fromhex(entry["hex"]), b""))
-        elif entry["dir"] == "mount->driver":
-            t_s, command, reply = pairs[-1]
-            pairs[-1] = (t_s, command, reply + bytes.fromhex(entry["hex"]))
-    return pairs
 
 
 @pytest.mark.shared

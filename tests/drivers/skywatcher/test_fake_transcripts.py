@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from drivers.skywatcher.codec import Axis, Board
 from drivers.skywatcher.fake import FakeBoard, FakeSkywatcher
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from tests.drivers.skywatcher.quick_fakes import german
+from tests.drivers.transcripts import dialogue
 
 _START = datetime(2026, 11, 21, 7, 11, 30, tzinfo=UTC)
 # what it told of itself there
@@ -21,19 +21,6 @@ _GEAR = Gearing(9_024_000, 1_500_000, 16)
 _BOARD = FakeBoard(
     Board(2, 4, 0), dict.fromkeys(Axis, _GEAR), "000000", goto_deg_s=40.0, acceleration_deg_s2=200.0
 )
-
-
-def dialogue(path: Path) -> list[tuple[float, bytes, bytes]]:
-    """Each command with its time and its answer."""
-    pairs: list[tuple[float, bytes, bytes]] = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        entry = json.loads(line)
-        if entry["dir"] == "driver->mount":
-            pairs.append((entry["t"], bytes.fromhex(entry["hex"]), b""))
-        elif entry["dir"] == "mount->driver":
-            t_s, command, reply = pairs[-1]
-            pairs[-1] = (t_s, command, reply + bytes.fromhex(entry["hex"]))
-    return pairs
 
 
 @pytest.mark.shared
