@@ -646,7 +646,7 @@ def ask_real(door: str, bad: BadInput, folder: Path) -> tuple[str, float]:
     for old in folder.iterdir():
         old.unlink()
     (folder / bad.name).write_bytes(bad.content)
-    command = [sys.executable, "-m", "api.cli", door]
+    command = [sys.executable, "-m", "api.main", door]
     rest = {
         "astap": ["-f", bad.name],
         "solve-field": ["--overwrite", bad.name],
@@ -672,6 +672,10 @@ port = {nova}
 [site]
 latitude_deg = 47.0
 longitude_deg = 11.0
+[[telescope]]
+id = "east"
+mount = {{ url = "fake+lx200://" }}
+camera = {{ kind = "simulated", width_px = 800, height_px = 600, scale_arcsec_px = 4.0 }}
 """
 
 
@@ -721,7 +725,7 @@ class Nova:
                 return str(self._post("/api/login", {"apikey": "any"})["session"])
             except Exception:
                 if self.process.poll() is not None or time.monotonic() > until_s:
-                    raise
+                    raise RuntimeError(self.log.read_text()[-2000:]) from None
                 time.sleep(0.2)
 
     def ask(self, bad: BadInput) -> str:
