@@ -221,7 +221,7 @@ def _drawn(
     sky = float(rng.uniform(100, 3000))
     noisy = light[reach:-reach, reach:-reach] + sky
     noisy = noisy + np.sqrt(noisy) * rng.standard_normal(noisy.shape, dtype=np.float32)
-    return np.clip(noisy, 0, 65535).astype(np.uint16)
+    return np.asarray(np.clip(noisy, 0, 65535).astype(np.uint16), dtype=np.uint16)
 
 
 def _pixels(rng: Random) -> NDArray[np.uint16]:
@@ -258,8 +258,9 @@ def _hints(rng: Random) -> dict[str, object]:
 
 def _picture(rng: Random, pixels: NDArray[np.generic], kind: str) -> bytes:
     file = io.BytesIO()
-    high = float(np.quantile(pixels, 0.999)) or 1.0
-    gray = np.clip(pixels.astype(float) / high * 255, 0, 255).astype(np.uint8)
+    light = pixels.astype(np.float64)
+    high = float(np.quantile(light, 0.999)) or 1.0
+    gray = np.clip(light / high * 255, 0, 255).astype(np.uint8)
     Image.fromarray(gray).save(file, kind)
     return file.getvalue()
 
