@@ -221,7 +221,7 @@ def _drawn(
     sky = float(rng.uniform(100, 3000))
     noisy = light[reach:-reach, reach:-reach] + sky
     noisy = noisy + np.sqrt(noisy) * rng.standard_normal(noisy.shape, dtype=np.float32)
-    return np.clip(noisy, 0, 65535).astype(np.uint16)
+    return np.asarray(np.clip(noisy, 0, 65535).astype(np.uint16), dtype=np.uint16)
 
 
 def _pixels(rng: Random) -> NDArray[np.uint16]:
@@ -258,8 +258,9 @@ def _hints(rng: Random) -> dict[str, object]:
 
 def _picture(rng: Random, pixels: NDArray[np.generic], kind: str) -> bytes:
     file = io.BytesIO()
-    high = float(np.quantile(pixels, 0.999)) or 1.0
-    gray = np.clip(pixels.astype(float) / high * 255, 0, 255).astype(np.uint8)
+    light = pixels.astype(np.float64)
+    high = float(np.quantile(light, 0.999)) or 1.0
+    gray = np.clip(light / high * 255, 0, 255).astype(np.uint8)
     Image.fromarray(gray).save(file, kind)
     return file.getvalue()
 
@@ -646,7 +647,7 @@ def ask_real(door: str, bad: BadInput, folder: Path) -> tuple[str, float]:
     for old in folder.iterdir():
         old.unlink()
     (folder / bad.name).write_bytes(bad.content)
-    command = [sys.executable, "-m", "api.cli", door]
+    command = [sys.executable, "-m", "api.main", door]
     rest = {
         "astap": ["-f", bad.name],
         "solve-field": ["--overwrite", bad.name],
@@ -672,6 +673,10 @@ port = {nova}
 [site]
 latitude_deg = 47.0
 longitude_deg = 11.0
+[[telescope]]
+id = "east"
+mount = {{ url = "fake+lx200://" }}
+camera = {{ kind = "simulated", width_px = 800, height_px = 600, scale_arcsec_px = 4.0 }}
 """
 
 
@@ -721,7 +726,7 @@ class Nova:
                 return str(self._post("/api/login", {"apikey": "any"})["session"])
             except Exception:
                 if self.process.poll() is not None or time.monotonic() > until_s:
-                    raise
+                    raise RuntimeError(self.log.read_text()[-2000:]) from None
                 time.sleep(0.2)
 
     def ask(self, bad: BadInput) -> str:

@@ -153,10 +153,14 @@ class Lens:
         frame = Plate(tangent, center_x, center_y, unit, 1, 1, np.zeros(3), np.zeros(3))
         for degree in range(3, SIP_DEGREE + 1, 2):
             rows = products((x - center_x) / unit, (y - center_y) / unit, degree).T
-            found = np.linalg.lstsq(rows, np.column_stack((xi, eta)) * ARCSEC_PER_RAD, rcond=None)[0]
+            found: Array = np.asarray(
+                np.linalg.lstsq(rows, np.column_stack((xi, eta)) * ARCSEC_PER_RAD, rcond=None)[0],
+                dtype=np.float64,
+            )
             # the tangent point is the center exactly: SIP has no constant
             found[0] = 0.0
-            back = gnomonic_inverse(*(rows @ found / ARCSEC_PER_RAD).T, tangent.ra_deg, tangent.dec_deg)
+            xi_rad, eta_rad = (rows @ found / ARCSEC_PER_RAD).T
+            back = gnomonic_inverse(xi_rad, eta_rad, tangent.ra_deg, tangent.dec_deg)
             back_x, back_y = self.pixels(*back)
             off = np.hypot(back_x - x, back_y - y)
             if off.max() <= SIP_WORST_PX:

@@ -146,7 +146,7 @@ def fit_lens(
         axis=start.center(),
         axis_x_px=(width - 1) / 2.0,
         axis_y_px=(height - 1) / 2.0,
-        matrix=np.linalg.inv(start.matrix()) * ARCSEC_PER_RAD,
+        matrix=np.asarray(np.linalg.inv(start.matrix()) * ARCSEC_PER_RAD, dtype=np.float64),
         terms=np.zeros(MOST_TERMS),
         width_px=width,
         height_px=height,
@@ -282,7 +282,7 @@ class _Growth:
             LEAST_TOLERANCE_PX,
             max(MOST_TOLERANCE_SPACINGS * spacing, 2.0 * LEAST_TOLERANCE_PX),
         )
-        distance, source = self._tree.query(np.column_stack((x[at], y[at])))
+        distance, source = map(np.asarray, self._tree.query(np.column_stack((x[at], y[at]))))
         near = np.flatnonzero(distance <= tolerance)
         best = near[mutually_nearest(distance[near] ** 2, near, source[near])]
         found = np.zeros(at.size, dtype=bool)

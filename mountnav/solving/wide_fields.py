@@ -247,7 +247,8 @@ def _in_other_list(pairs: Pairs, one: Measurements, other: Measurements) -> Pair
     if one is other or len(other) == 0:
         return pairs
     places = np.column_stack((one.x_px[pairs.measurement], one.y_px[pairs.measurement]))
-    distance, index = cKDTree(np.column_stack((other.x_px, other.y_px))).query(places)
+    tree = cKDTree(np.column_stack((other.x_px, other.y_px)))
+    distance, index = map(np.asarray, tree.query(places))
     near = np.flatnonzero(distance <= SAME_SOURCE_PX)
     _, first = np.unique(index[near], return_index=True)
     near = near[first]
