@@ -102,11 +102,17 @@ class Derotation:
         elif self.turns and self._rotator is not None:
             self._task = begun(self._run(), "derotation", died=lambda fault: self._say(fault_words(fault)))
 
+    def cease(self) -> None:
+        """Order no turn any more, from this moment on: a stop came, or it is over."""
+        self._over = True
+        if self._task is not None:
+            self._task.cancel()
+
     async def end(self) -> None:
         """Turn no more; a turn under way is stopped."""
-        task, self._task, self._over = self._task, None, True
+        self.cease()
+        task, self._task = self._task, None
         if task is not None:
-            task.cancel()
             await asyncio.gather(task, return_exceptions=True)
 
     async def seen(self, look: Look) -> None:

@@ -440,6 +440,8 @@ class Following:
             self._derotation.begin()
             await together(self._steer(), self._look_on())
         finally:
+            if self._derotation is not None:
+                self._derotation.cease()
             try:
                 await self._over()
             finally:
@@ -451,6 +453,8 @@ class Following:
     def stopped(self) -> None:
         """A stop was ordered: nothing more is sent."""
         self._stopped = True
+        if self._derotation is not None:
+            self._derotation.cease()
         self._wake.set()
 
     async def _over(self) -> None:

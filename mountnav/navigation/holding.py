@@ -494,6 +494,8 @@ class Holding:
             )
         finally:
             self._over = True
+            if self._derotation is not None:
+                self._derotation.cease()
             if asked is not None:
                 asked.cancel()
             self._end_dithers()
