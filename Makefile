@@ -7,7 +7,7 @@ PYTEST_WORKERS ?= $(shell expr 3 \* $$(getconf _NPROCESSORS_ONLN 2>/dev/null || 
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test check docs format lock wheels data-package deb image release clean
+.PHONY: help demo test check docs format lock wheels data-package deb image audit release clean
 
 .DEFAULT_GOAL := help
 
@@ -21,6 +21,7 @@ help:
 	@echo "make wheels  the packages mountnav and mountnav-tycho2 in dist/, for pip and pipx"
 	@echo "make deb     a Debian package in dist/, for this Debian's own Python"
 	@echo "make image   a container image, by docker, podman or buildah"
+	@echo "make audit   known faults of the locked packages; needs a network"
 	@echo "make release wheel, sdist and SBOM of a tagged version in dist/, checked (docs/how-to/release.md)"
 
 # The stamp stands for: environment made, locked dependencies in it, mountnav installed editable.
@@ -75,6 +76,10 @@ image:
 	@for with in docker podman buildah; do \
 		$$with info > /dev/null 2>&1 && exec $$with build $(if $(BASE),--build-arg BASE=$(BASE)) -f deploy/Dockerfile -t mountnav .; \
 	done; echo "docker, podman or buildah is needed, and none answers"; exit 1
+
+audit:
+	@test -x build/audit/bin/pip-audit || { $(PYTHON) -m venv build/audit && build/audit/bin/python -m pip install --quiet --disable-pip-version-check pip-audit; }
+	build/audit/bin/pip-audit --require-hashes --disable-pip -r requirements-runtime.lock
 
 deb:
 	deploy/debian/build dist
