@@ -223,8 +223,8 @@ class Aiming:
                     f"in about {minutes:.0f} min the meridian is passed for this point, too: order it then"
                 )
         return TargetNotReached(
-            f"the target stands at the meridian: to bring it to {self.words} the mount would have to look "
-            "at the other half of the sky on either side of the pier, and it changes sides each time",
+            f"the target stands at the meridian: to bring it to {self.words} the mount would have to point "
+            "to the other half of the sky from either side of the pier, so it would change sides each time",
             device=equipment.name,
             advice=later or "order it again later, or choose a point nearer to the middle",
             reason=NotReached.SIDE,
@@ -293,8 +293,8 @@ class Aiming:
         if axis is not None:
             return axis
         raise BadRequest(
-            f"it is not known yet where {self.words} looks: how the camera stands on the tube has to be seen "
-            f"first ({self.equipment.guard.learned.words})",
+            f"it is not known yet where {self.words} looks: how the camera is mounted on the tube must be "
+            f"measured first ({self.equipment.guard.learned.words})",
             device=self.equipment.name,
             advice="order center, which looks; or look at three fields, then slew",
         )

@@ -350,9 +350,9 @@ def require_rightly_set(found: Look, mount: CheckedMount, *, device: str) -> Non
         f"turned by {turned_deg:+.1f}° when site and clock were set: the mount "
         "was right, and mountnav's are wrong",
         device=device,
-        advice="nothing was synced; correct [site] and this machine's clock, start again, and set the mount "
-        "right (order set-site-time). If they are right for sure, order set-site-time once more: then it "
-        "counts",
+        advice="nothing was synced; correct [site] and this machine's clock, start again, and correct the "
+        "mount (order set-site-time). If they are certainly right, order set-site-time once more: it is then "
+        "accepted",
     )
 
 

@@ -40,7 +40,7 @@ def test_from_the_meridian_no_slew_hangs_on_a_side_that_nothing_has_shown(swappe
     async def work(rig: Rig) -> None:
         # to the side on which it says to be able to stay
         ha_deg = -50.0 if told_side(rig) is PierSide.WEST else 50.0
-        with pytest.raises(OutsideLimits, match="nothing has shown yet") as refusal:
+        with pytest.raises(OutsideLimits, match="nothing has confirmed yet") as refusal:
             await rig.mount.slew(rig.place(ha_deg, 48.0))
         assert refusal.value.limit is LimitKind.MERIDIAN
         assert "set swap_sides of the mount: false" in str(refusal.value)
@@ -97,7 +97,7 @@ def test_what_was_proven_once_is_taken_over_from_the_journal() -> None:
     async def takes_over(rig: Rig) -> None:
         ha_deg = -50.0 if told_side(rig) is PierSide.WEST else 50.0
         rig.mount.restore_side_proof({**facts[0], "mount": "another one"})
-        with pytest.raises(OutsideLimits, match="nothing has shown yet"):
+        with pytest.raises(OutsideLimits, match="nothing has confirmed yet"):
             await rig.mount.slew(rig.place(ha_deg, 48.0))
         rig.mount.restore_side_proof(facts[0])
         assert await rig.mount.slew(rig.place(ha_deg, 48.0)) is SlewOutcome.ARRIVED

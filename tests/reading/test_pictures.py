@@ -140,7 +140,7 @@ def test_a_frame_never_says_where_or_when_it_was_taken_from_a_picture() -> None:
 def test_an_extension_of_a_picture_is_refused() -> None:
     raw = picture_bytes(Image.fromarray(GRAY), "PNG")
     assert np.array_equal(read_frame(raw, hdu=0).pixels, GRAY)
-    with pytest.raises(BadFrame, match="no FITS"):
+    with pytest.raises(BadFrame, match="not a FITS"):
         read_frame(raw, hdu="SCI")
 
 

@@ -124,7 +124,7 @@ PNG = picture_bytes(Image.fromarray(NOISE), "PNG")
     ("content", "words"),
     [
         (b"", "empty"),
-        (b"hello, this is text", "no image"),
+        (b"hello, this is text", "not an image"),
         (WHOLE[: len(WHOLE) // 2], "cut short"),
         (gzip.compress(WHOLE, mtime=0)[:40], "damaged or cut short"),
         (PNG[: len(PNG) // 2], "damaged or cut short"),

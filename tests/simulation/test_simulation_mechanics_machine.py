@@ -130,7 +130,7 @@ def test_an_empty_file_is_the_default_mount(tmp_path: Path, site: Site) -> None:
     file = MachineFile.from_toml(path)
     assert (file.machine, file.errors, file.site) == (Machine(), PointingErrors(), None)
     assert file.make_mechanics(site=site).site == site
-    with pytest.raises(BadSettings, match="nowhere"):
+    with pytest.raises(BadSettings, match="has no site"):
         file.make_mechanics()
 
 
@@ -147,7 +147,7 @@ def test_an_empty_file_is_the_default_mount(tmp_path: Path, site: Site) -> None:
         ("[site]\nlatitude_deg = 3", "not complete"),
         ("[site]\nlatitude_deg = 93\nlongitude_deg = 0", "not on Earth"),
         ("[site]\nlatitude_deg = nan\nlongitude_deg = 0", "latitude_deg"),
-        ("[air]\npressure_hpa = -5", "no air"),
+        ("[air]\npressure_hpa = -5", "of \\[air\\] are impossible"),
         ("[air]\npressure = 5", "pressure"),
         ("[clock]\nspeed = 0", "speed"),
         ("[clock]\nspeed = true", "speed"),
@@ -193,9 +193,9 @@ def test_a_clock_says_how_long_to_wait() -> None:
 
 @pytest.mark.parametrize("speed", [-1.0, math.nan, math.inf])
 def test_a_clock_does_not_run_back(speed: float) -> None:
-    with pytest.raises(BadSettings, match="pace"):
+    with pytest.raises(BadSettings, match="not a valid speed"):
         FastClock(speed)
-    with pytest.raises(BadSettings, match="put on"):
+    with pytest.raises(BadSettings, match="advanced by"):
         FastClock().on(speed)
     with pytest.raises(BadSettings, match="time zone"):
         FastClock(start=datetime(2026, 1, 1))

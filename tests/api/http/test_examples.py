@@ -10,8 +10,9 @@ from pydantic import BaseModel, TypeAdapter
 
 import api.http.app  # every model of the interface is loaded with it
 from api.http.examples import BODIES, answers
+from api.http.night_views import FramePathBody
 from api.http.openapi import FROZEN_PATH
-from api.http.routes.frames import PATH_EXAMPLE, FramePathBody
+from api.http.routes.frames import PATH_EXAMPLE
 from api.orders.vocabulary import JOB_EXAMPLES, Order
 
 assert api.http.app

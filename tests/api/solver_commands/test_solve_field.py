@@ -217,7 +217,7 @@ def test_a_folder_that_is_not_there_is_an_error_in_one_line(field: Path, tmp_pat
         (["--ra", "1", "--dec", "91", "x"], 255, "91"),
         (["--parity", "both", "x"], 255, "both"),
         (["-u", "parsec", "x"], 255, "parsec"),
-        (["-L", "3", "-H", "2", "x"], 255, "exchange"),
+        (["-L", "3", "-H", "2", "x"], 255, "swap"),
     ],
 )
 def test_words_and_exit_codes_without_a_file(arguments: list[str], code: int, words: str) -> None:

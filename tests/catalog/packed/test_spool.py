@@ -209,7 +209,7 @@ def test_empty_parts_count_as_done_but_make_no_catalog(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
-    with pytest.raises(BadSettings, match="can't be kept: Not a directory"):
+    with pytest.raises(BadSettings, match="can't be stored during the import: Not a directory"):
         Spool.open(tmp_path / "file" / "spool", FACTS)
     spool = filled(tmp_path / "spool", [0])
     with pytest.raises(BadSettings, match="can't be written: No such file or directory"):

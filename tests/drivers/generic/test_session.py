@@ -60,7 +60,7 @@ async def test_another_epoch_than_the_familys_is_told() -> None:
     language.usual_epoch = "icrs"
     async with rigged(language) as rig:
         assert rig.mount.report is not None
-        assert "its family speaks icrs" in rig.mount.report.problems[0]
+        assert "its family usually speaks icrs" in rig.mount.report.problems[0]
 
 
 async def test_a_mount_just_switched_on_does_not_slew_until_a_sync_was_seen() -> None:
