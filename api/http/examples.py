@@ -25,6 +25,7 @@ BODIES: dict[str, dict[str, Any]] = {
     "HoldOrder": {"kind": "hold", "for_s": 3600.0, "every_s": 20.0},
     "LeaseBody": {"ttl_s": 60.0, "on_expiry": "stop", "note": "the survey, until 03:00"},
     "LookBody": {"exposure_s": 2.0},
+    "ExposureBody": {"exposure_s": 2.0},
     "MosaicBody": {
         "target": {"kind": "name", "name": "M31"},
         "across": 3,

@@ -28,6 +28,7 @@ __all__ = [
     "CenterBody",
     "CenterOrder",
     "DitherOrder",
+    "ExposureBody",
     "FirstLightOrder",
     "FlipBody",
     "FlipOrder",
@@ -817,6 +818,12 @@ class OffsetRatesBody(OffsetRatesFields, ShortBody):
 
 class LookBody(LookFields, ShortBody):
     """How to look."""
+
+
+class ExposureBody(ShortBody):
+    """How long to expose, for orders that know themselves how to look."""
+
+    exposure_s: _Exposure = None
 
 
 def _example(summary: str, **value: Any) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from api.orders.vocabulary import (
     CenterBody,
     CenterOrder,
     DitherOrder,
+    ExposureBody,
     FirstLightOrder,
     FlipBody,
     FlipOrder,
@@ -53,6 +54,7 @@ _Order = Annotated[Order, Body(openapi_examples=JOB_EXAMPLES)]
 _Slew = Annotated[SlewBody, Body(openapi_examples=PLACE_EXAMPLES)]
 _Center = Annotated[CenterBody, Body(openapi_examples=PLACE_EXAMPLES)]
 _Look = Annotated[LookBody | None, Body()]
+_Exposure = Annotated[ExposureBody | None, Body()]
 _Hold = Annotated[HoldOrder | None, Body()]
 _Dither = Annotated[DitherOrder | None, Body()]
 
@@ -125,7 +127,7 @@ async def sync_telescope(ordering: TheOrdering) -> JobView:
 
 
 @router.post("/recover", status_code=202, responses=STARTING)
-async def recover_telescope(ordering: TheOrdering, body: _Look = None) -> JobView:
+async def recover_telescope(ordering: TheOrdering, body: _Exposure = None) -> JobView:
     """Tell a lost mount where it points: two looks anywhere in the sky that agree, then a sync. Never moves.
 
     However far the place is from what the mount believes; it must stand within the telescope's limits now.
@@ -135,7 +137,7 @@ async def recover_telescope(ordering: TheOrdering, body: _Look = None) -> JobVie
 
 
 @router.post("/first-light", status_code=202, responses=STARTING)
-async def first_light_telescope(ordering: TheOrdering, body: _Look = None) -> JobView:
+async def first_light_telescope(ordering: TheOrdering, body: _Exposure = None) -> JobView:
     """Tell a telescope that was set up by eye where it points, and learn its camera: the first night's order.
 
     Looks, a small move within the limits that shows in which posture the mount stands, a sync, and two more
