@@ -64,8 +64,8 @@ def test_a_star_without_a_good_pixel_says_nothing_of_the_others() -> None:
     """Its χ² of 0 once made the wings NaN, and with them every star of a crowded frame was lost."""
     x, y = scattered(25, (200, 200), seed=3)
     image = painted(x, y, np.full(25, 2e5), fwhm_px=3.0, beta=3.0, size=(200, 200), seed=4) - 1000.0
-    image = image.astype(np.float32)
-    cutouts = make_cutouts(image, np.ones(image.shape, dtype=bool), x, y, np.full(25, 30.0), 5)
+    everywhere = np.ones(image.shape, dtype=bool)
+    cutouts = make_cutouts(image.astype(np.float32), everywhere, x, y, np.full(25, 30.0), 5)
     hidden = cutouts.good.copy()
     hidden[7] = False
     told = learn_psf(replace(cutouts, good=hidden), x, y, 1.3, 1.5, integrated=False, card=True)
