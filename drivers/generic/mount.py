@@ -577,7 +577,9 @@ class GenericMount:
         """Send an order that ends by itself."""
         self._session.require_no_job()
         await self._session.ready()
-        before = await self._refusals.before()
+        # what would go on unattended is to be seen to begin: not while the mount still slows down
+        seen = self._refusals.before if undo is None else self._refusals.before_at_rest
+        before = await seen()
         async with self._refusals.checked(order, before, took=took, undo=undo), self._session.ordering:
             await send()
 
