@@ -290,6 +290,24 @@ def test_night_mode_is_red_on_black_and_remembered(visit: Visit, observatory: Se
     assert colors()[1] > 100
 
 
+def test_a_lost_connection_is_told_by_the_services_clock(visit: Visit, wire: Wire) -> None:
+    """Not by that of the computer that shows the page, which may be wrong, or live in another night."""
+    visit.forgiven = ("Failed to load resource",)
+    visit.page.add_init_script("{ const real = Date.now; Date.now = () => real() + 7_200_000; }")
+    page = visit.open(wire.url)
+    page.wait_for_function("() => document.querySelector('#clock-time').textContent !== '--:--:--'")
+    wire.cut()
+    page.wait_for_selector("#lost:not([hidden])")
+    told = re.search(r"since (\d\d):(\d\d):(\d\d) UTC", page.text_content("#lost") or "")
+    assert told is not None
+    hours, minutes, seconds = map(int, told.groups())
+    now = datetime.now(UTC)
+    ago_s = 3600 * (now.hour - hours) + 60 * (now.minute - minutes) + now.second - seconds
+    assert ago_s % 86_400 < 3600
+    wire.lay()
+    page.wait_for_selector("#lost", state="hidden")
+
+
 def test_all_is_done_by_keys_alone(visit: Visit, observatory: Served) -> None:
     page = visit.open(observatory.url)
     page.keyboard.press("Tab")

@@ -29,6 +29,8 @@ export class Observatory {
   lookTimes = new Map();
   asked = null;
   lostSince = null;
+  /** The same by the service's clock, which may be a virtual night's. */
+  lostUtc = null;
   /** The last state of each telescope, where there are several. */
   fleet = [];
   tonight = null;
@@ -313,6 +315,7 @@ export class Observatory {
     const allowed = document.hidden || this.#shut ? HIDDEN_MS + OLD_MS : OLD_MS;
     if (age > allowed && this.lostSince === null) {
       this.lostSince = new Date(Date.now() - age);
+      this.lostUtc = this.#clock === null ? this.lostSince : new Date(this.#clock.service + (this.#fresh.ticks - this.#clock.ticks) * (this.health?.virtual?.speed ?? 1));
       this.tell("link");
     } else if (this.lostSince !== null) this.tell("link");
   }

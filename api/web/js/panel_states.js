@@ -22,7 +22,7 @@ const PANELS = {
 
 /** The state of a panel: [state, words]. `heard` knows what was read, `faults` why something wasn't. */
 export function panelState(one, observatory, heard, faults) {
-  if (observatory.lostSince !== null) return ["stale", `As of ${clockOf(observatory.lostSince)} UTC: no connection.`];
+  if (observatory.lostSince !== null) return ["stale", `As of ${clockOf(observatory.lostUtc)} UTC: no connection.`];
   const fault = one.of.map((what) => faults.get(what)).find(Boolean);
   if (fault) return ["error", `Could not be read: ${fault.message}`];
   if (!one.of.every((what) => heard.has(what))) return ["loading", "Loading …"];

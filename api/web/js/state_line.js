@@ -46,7 +46,7 @@ export function showStateLine(observatory) {
     const other = lease?.held && !kept.get(observatory.id) ? lease : null;
     // a word of a while ago, in the head or in the tab's name, would be read as of now
     const { word, tone, detail } = observatory.lostSince !== null
-      ? { word: "No connection", tone: "bad", detail: `since ${clockOf(observatory.lostSince)} UTC` }
+      ? { word: "No connection", tone: "bad", detail: `since ${clockOf(observatory.lostUtc)} UTC` }
       : stateWords(observatory.state, observatory.job, other);
     say(by("state-word"), word);
     say(by("state-detail"), detail);
@@ -69,7 +69,7 @@ export function showStateLine(observatory) {
     if (since === null) return;
     say(by("place-age"), "old");
     const ago = span((Date.now() - since) / 1000);
-    say(by("lost"), `Connection lost since ${clockOf(since)} UTC, ${ago} ago. Everything below is old; trying again.`);
+    say(by("lost"), `Connection lost since ${clockOf(observatory.lostUtc)} UTC, ${ago} ago. Everything below is old; trying again.`);
   });
   observatory.on("health", () => {
     const { health } = observatory;
