@@ -49,7 +49,7 @@ def test_a_tube_that_swings_in_the_wind_is_told_and_centered_when_it_is_calm(swi
 
         rig.mechanics.truth = swinging  # type: ignore[method-assign]
         target = rig.up(-20.0, 30.0)
-        with pytest.raises((TargetNotReached, SyncRefused), match="hold still"):
+        with pytest.raises((TargetNotReached, SyncRefused), match="keep still"):
             await rig.navigator.center(target, tolerance_arcsec=40.0)
         await rig.clock.sleep(600.0)
         await rig.navigator.center(target)

@@ -178,7 +178,7 @@ def test_what_was_packed_as_a_whole_is_packed_again(packer: ModuleType) -> None:
 
 @pytest.mark.long
 def test_what_is_no_fits_or_damaged_is_refused() -> None:
-    with pytest.raises(BadFrame, match="no FITS"):
+    with pytest.raises(BadFrame, match="not a FITS file"):
         updated_fits(b"\x89PNG" + bytes(100), CARDS)
     with pytest.raises(BadFrame, match="damaged"):
         updated_fits(gzip.compress(_odd_file())[:-100], CARDS)

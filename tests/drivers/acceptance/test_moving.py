@@ -67,7 +67,7 @@ async def test_a_healthy_mount_passes() -> None:
         (RateFault(dec_factor=-1.0), "rates.both", "reversed", "the other way"),
         (RateFault(ra_factor=15.041), "rates.ra", "wrong amount", "seconds of right ascension"),
         (RateFault(ra_factor=225.0), "rates.ra", "wrong amount", "15 twice"),
-        (RateFault(dec_factor=0.0), "rates.dec", "ignored", "as for a star"),
+        (RateFault(dec_factor=0.0), "rates.dec", "ignored", "at the sidereal rate"),
         (RateFault(swapped=True), "rates.ra", "other axis", "the other axis"),
     ],
 )

@@ -125,7 +125,7 @@ def test_apply_writes_calibrated_frames(folder: Path) -> None:
         assert hdus[0].header["SATURATE"] > 60000
     again = run("apply", folder / "masters", folder / "out" / "light.fits", "--out", folder / "twice")
     assert again.returncode == 1
-    assert "done already" in again.stdout
+    assert "already applied" in again.stdout
     itself = run("apply", folder / "masters", folder / "light.fits", "--out", folder)
     assert itself.returncode == 1
     assert "over itself" in itself.stdout
