@@ -64,6 +64,7 @@ from mountnav.errors import (
     TargetNotReached,
 )
 from mountnav.journal.memory import MemoryJournal
+from mountnav.mount.pier_side import SideUnproven
 from mountnav.navigation.equipment import equip
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy, CorrectBy
@@ -302,7 +303,8 @@ def _allowed(
     since: datetime,
 ) -> str | None:
     """Whether it is true: "for good", "for now", "home", "look" (at the tube), "as named"; None: no."""
-    if isinstance(error, OutsideLimits) and "nothing has shown yet" in str(error):
+    unproven = isinstance(error, OutsideLimits) and "nothing has shown yet" in (error.advice or "")
+    if unproven or isinstance(error, SideUnproven):
         return None if made.world.sides_stated else "look"
     if isinstance(error, OutsideLimits):
         return "for good" if stands is not Place.INSIDE or not clear else None
