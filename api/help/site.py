@@ -43,6 +43,8 @@ class Page:
     title: str
     text: str
     """Without markup."""
+    headings: frozenset[str] = frozenset()
+    """Those below the title, in small letters: a topic that is one of them, say a problem's name, is there."""
 
     @property
     def name(self) -> str:
@@ -72,13 +74,19 @@ def pages() -> tuple[Page, ...]:
         raise NotFound(NOT_BUILT, advice=HOW_TO_BUILD)
     titles: dict[str, str] = {}
     texts: dict[str, list[str]] = {}
+    headings: dict[str, set[str]] = {}
     for entry in json.loads(index.read_text(encoding="utf-8"))["docs"]:
         path, _, anchor = entry["location"].partition("#")
         path = path or "index.html"
         if not anchor:
             titles[path] = _plain(entry["title"])
+        else:
+            headings.setdefault(path, set()).add(_plain(entry["title"]).lower())
         texts.setdefault(path, []).append(_plain(f"{entry['title']} {entry['text']}"))
-    return tuple(Page(path, titles.get(path, path), " ".join(texts[path])) for path in sorted(texts))
+    return tuple(
+        Page(path, titles.get(path, path), " ".join(texts[path]), frozenset(headings.get(path, ())))
+        for path in sorted(texts)
+    )
 
 
 def _plain(markup: str) -> str:
@@ -86,7 +94,7 @@ def _plain(markup: str) -> str:
 
 
 def find_page(topic: str) -> list[Page]:
-    """The pages for a topic, best first: of that name, else those whose title and text have all of its words.
+    """The pages for a topic, best first: of that name, else those that have all of its words, headings first.
 
     Raises
     ------
@@ -105,8 +113,12 @@ def find_page(topic: str) -> list[Page]:
     named = [one for one in known if wanted in (one.name, one.name.rpartition("/")[2])]
     if named:
         return named
-    scored = [(_score(one, words), one) for one in known]
-    found = sorted((one for one in scored if one[0] > 0), key=lambda one: (-one[0], one[1].path))
+    scored = [
+        (score + (_TITLE_WEIGHT * len(words) if wanted in one.headings else 0), one)
+        for one in known
+        if (score := _score(one, words))
+    ]
+    found = sorted(scored, key=lambda one: (-one[0], one[1].path))
     if not found:
         raise NotFound(
             f"no page has the words {' '.join(words)!r}", advice="mountnav docs --list has all pages"

@@ -30,7 +30,21 @@ LONGEST_HELLO_BYTES = 1 << 20
 MOST_FILE_BYTES = 2_500_000_000
 """Longest file that is taken through TCP, bytes: as the solver's process may write."""
 
-Answer = Callable[[str], str]
+
+@dataclass(frozen=True, slots=True)
+class OwnWord:
+    """What the solver does on a word that is for itself.
+
+    Attributes
+    ----------
+    answer : callable
+        Gives the answer.
+    then : callable, optional
+        Done when the answer is sent, or its reader has gone: an end before it would take the answer away.
+    """
+
+    answer: Callable[[], str]
+    then: Callable[[], object] = lambda: None
 
 
 class StubGone(Exception):
@@ -203,7 +217,7 @@ def _fault(content: bytes, path: str) -> OSError:
 
 
 def serve_call(
-    link: socket.socket, solver: Solver, *, token: str = "", own: Mapping[str, Answer] | None = None
+    link: socket.socket, solver: Solver, *, token: str = "", own: Mapping[str, OwnWord] | None = None
 ) -> None:
     """Carry out what one stub wants, to its end; nothing is raised.
 
@@ -214,8 +228,9 @@ def serve_call(
     token : str
         What a stub must know; empty where the socket itself is private.
     own : mapping, optional
-        Words for the solver itself ("status", "stop"), and what answers them.
+        Words for the solver itself ("status", "stop").
     """
+    then: Callable[[], object] | None = None
     with closing(link):
         link.settimeout(LONGEST_ANSWER_S)
         host = StubHost(link)
@@ -228,13 +243,16 @@ def serve_call(
             if call.version != stub.VERSION:
                 host.refuse_version()
                 return
+            then = None if own is None or call.name not in own else own[call.name].then
             host.end(_carried_out(call, host, solver, own or {}))
+    if then is not None:
+        then()
 
 
-def _carried_out(call: Call, host: StubHost, solver: Solver, own: Mapping[str, Answer]) -> int:
+def _carried_out(call: Call, host: StubHost, solver: Solver, own: Mapping[str, OwnWord]) -> int:
     """Run the command; its exit code. A fault of ours is told, and ends only this call."""
     if call.name in own:
-        host.out(own[call.name](" ".join(call.arguments)))
+        host.out(own[call.name].answer())
         return 0
     name = known_name(call.name)
     if name is None:

@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from api.solver.solver import Solver
+from api.solver_daemon.connection import OwnWord
 from api.solver_daemon.listener import SolverOnLoop, SolverSocket, socket_path
 from mountnav import __version__
 from mountnav.catalog.catalog_set import open_catalogs
@@ -58,7 +59,10 @@ class Daemon:
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             loop.add_signal_handler(number, self._over.set)
         solver = Solver(open_catalogs(), worker=True, looks=False, tell=lambda kind, data: None)
-        own = {"status": lambda _: self._status(solver), "stop": lambda _: self._stop(loop)}
+        own = {
+            "status": OwnWord(lambda: self._status(solver)),
+            "stop": OwnWord(self._stops, then=lambda: loop.call_soon_threadsafe(self._over.set)),
+        }
         server = SolverSocket(SolverOnLoop(solver, SolveSettings, loop), tcp_port=self._tcp_port, own=own)
         try:
             await server.start()
@@ -87,8 +91,7 @@ class Daemon:
         }
         return json.dumps(told) + "\n"
 
-    def _stop(self, loop: asyncio.AbstractEventLoop) -> str:
-        loop.call_soon_threadsafe(self._over.set)
+    def _stops(self) -> str:
         return json.dumps({"pid": os.getpid(), "stops": True}) + "\n"
 
 

@@ -23,7 +23,7 @@ from api.solver.link import Upload
 from api.solver.solver import Solver
 from api.solver_commands.host import Asked
 from api.solver_daemon import stub
-from api.solver_daemon.connection import Answer, serve_call
+from api.solver_daemon.connection import OwnWord, serve_call
 from mountnav.errors import BadSettings, Cancelled
 from mountnav.files import make_private_folder, open_lock
 from mountnav.frames import Frame
@@ -109,7 +109,7 @@ class SolverSocket:
         Listen on this port of 127.0.0.1 instead, for stubs that see no socket of ours; 0: any that is free.
         They must know `token`.
     own : mapping, optional
-        Words for the solver itself, and what answers them.
+        Words for the solver itself.
     most_calls : int
         See `MOST_CALLS`.
     takes_over : bool
@@ -123,7 +123,7 @@ class SolverSocket:
         *,
         path: Path | None = None,
         tcp_port: int | None = None,
-        own: Mapping[str, Answer] | None = None,
+        own: Mapping[str, OwnWord] | None = None,
         most_calls: int = MOST_CALLS,
         takes_over: bool = False,
     ) -> None:

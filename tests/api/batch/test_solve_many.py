@@ -74,11 +74,11 @@ def test_patterns_and_lists_name_frames_too(
         (("x.fits", "--retry"), "--retry without --resume"),
         (("x.fits", "--json", "--csv", "-"), "two kinds of results on the standard output"),
         (("x.fits", "--parquet", "-"), "Parquet can't go to the standard output"),
-        (("x.fits", "--resume", "results.txt"), "what kind of results results.txt holds can't be told"),
+        (("x.fits", "--resume", "results.txt"), "the kind of results that results.txt holds is not known"),
         (("x.fits", "y.fits", "--annotate", "one.png"), "is one picture, but there are 2 frames"),
         (("x.fits", "--csv", "/there/is/none.csv"), "/there/is/none.csv can't be written: No such file"),
         (("x.fits", "--parquet", "/there/is/none.parquet"), "/there/is/none.parquet can't be written"),
-        (("x.fits", "--parquet", "/dev/null"), "no file of such results: it is a device, not a file"),
+        (("x.fits", "--parquet", "/dev/null"), "not a file of such results: it is a device, not a file"),
     ],
 )
 def test_bad_usage_is_one_line_and_changes_nothing(

@@ -95,7 +95,7 @@ def test_the_site_comes_from_the_settings(tmp_path: Path, folder: Path) -> None:
     assert (folder / "other" / "a.mne").is_file()
     _, out = run("show", "Ceres", "--config", settings, "--at", "2026-11-26T20:00", "--hours", "0")
     assert "from -30.0000, 20.0000" in out
-    with pytest.raises(BadSettings, match="from where"):
+    with pytest.raises(BadSettings, match="site is not known"):
         run("show", "Mars")
     with pytest.raises(BadRequest, match="not a possible site"):
         run("show", "Mars", "--site", "97", "0", "0")

@@ -159,7 +159,9 @@ def test_the_first_call_solves_alone_and_starts_the_daemon(commands: Commands) -
     assert asked.returncode == 0, asked.stderr
     assert ini(commands.folder / "sky.ini")["PLTSOLVD"] == "T"
     # it listens soon; `start` waits for that, and begins none of its own
-    pid = re.findall(r"pid: (\d+)", commands.told("start").stdout)
+    began = commands.told("start")
+    pid = re.findall(r"pid: (\d+)", began.stdout)
+    assert pid, began
     assert re.findall(r"pid: (\d+)", commands.told("status").stdout) == pid
     assert commands.told("stop").stdout == "stopped\n"
 

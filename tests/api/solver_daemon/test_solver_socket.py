@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import socket
 import stat
 import subprocess
 import sys
@@ -21,6 +22,7 @@ import pytest
 from api.solver_commands import registry
 from api.solver_commands.host import Host
 from api.solver_daemon import installing, stub
+from api.solver_daemon.connection import OwnWord, serve_call
 from api.solver_daemon.listener import SolverOnLoop, SolverSocket
 from mountnav.errors import BadSettings
 from mountnav.solving.settings import SolveSettings
@@ -412,3 +414,24 @@ def test_names_are_known_in_any_case() -> None:
     for name in registry.NAMES:
         assert registry.known_name(name.upper()) == name
     assert registry.known_name("rm") is None
+
+
+def test_a_stop_is_answered_before_the_solver_ends() -> None:
+    """Else who asked for it would be told that none was running."""
+    ours, theirs = socket.socketpair()
+    on_the_way: list[bytes] = []
+    own = {"stop": OwnWord(lambda: "bye\n", then=lambda: on_the_way.append(theirs.recv(4096)))}
+    with theirs:
+        stub.Talk(theirs).send(b"H", "\0".join([stub.VERSION, "", "/", "stop"]).encode())
+        serve_call(ours, None, own=own)  # type: ignore[arg-type]
+    assert b"bye\n" in on_the_way[0]
+    assert b"Q" in on_the_way[0]
+
+
+def test_a_solver_that_was_told_to_stop_ends_though_nobody_waits_for_the_answer() -> None:
+    ours, theirs = socket.socketpair()
+    ended = threading.Event()
+    with theirs:
+        stub.Talk(theirs).send(b"H", "\0".join([stub.VERSION, "", "/", "stop"]).encode())
+    serve_call(ours, None, own={"stop": OwnWord(lambda: "bye\n" * 1000, then=ended.set)})  # type: ignore[arg-type]
+    assert ended.is_set()

@@ -327,7 +327,7 @@ def test_a_disk_that_takes_no_more_is_told_and_nothing_is_half_made(tmp_path: Pa
     )
     lines = ran.stdout.splitlines()
     assert len(lines) == 2
-    assert "can't be kept: File too large" in lines[0]
+    assert "can't be stored during the import: File too large" in lines[0]
     assert "41 bytes a star" in lines[0]
     assert "can't be written: File too large" in lines[1]
     assert "MB there" in lines[1]

@@ -56,8 +56,8 @@ async def server(head: str, body: bytes, *, endless: bool = False) -> AsyncItera
         ("Content-Encoding: gzip\r\n", BOMB_WBITS[0], False, "more than 1048576 bytes"),
         ("Content-Encoding: deflate\r\n", BOMB_WBITS[1], False, "more than 1048576 bytes"),
         ("Content-Encoding: gzip\r\n", _packed(SOUND, 31)[:-9], False, "is cut off"),
-        ("Content-Encoding: gzip\r\n", SOUND, False, "packing is damaged"),
-        ("Content-Encoding: br\r\n", SOUND, False, "packed as 'br'"),
+        ("Content-Encoding: gzip\r\n", SOUND, False, "compression is damaged"),
+        ("Content-Encoding: br\r\n", SOUND, False, "compressed as 'br'"),
     ],
     ids=["endless", "gzip bomb", "deflate bomb", "cut", "damaged", "unknown"],
 )
