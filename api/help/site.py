@@ -44,7 +44,7 @@ class Page:
     text: str
     """Without markup."""
     headings: frozenset[str] = frozenset()
-    """Those below the title, in small letters: a topic that is one of them, say a problem's name, is there."""
+    """Those below the title, in small letters: a topic that is one of them, as a problem's name, is there."""
 
     @property
     def name(self) -> str:

@@ -27,6 +27,8 @@ from tests.drivers.alpaca.alpaca_server import Fault as AlpacaFault
 from tests.drivers.indi.test_language_through_indi import through_indi, up_now
 from tests.drivers.test_every_family import rigged
 
+pytestmark = pytest.mark.first  # they wait for mounts: not at the end, when nothing else is left to do
+
 ON_A_WIRE = {
     "lx200": ("lx200", "lx200gps"),
     "onstep": ("lx200", "onstep"),

@@ -27,6 +27,8 @@ from mountnav.sky.coordinates import Air, Apparent, Icrs, Site
 from mountnav.testing.check_mount import check_mount
 from tests.pace import slowness
 
+pytestmark = pytest.mark.first  # they wait for mounts: not at the end, when nothing else is left to do
+
 HERE = Site(49.6, 36.9)
 QUICK = "poll_s=0.1&start_grace_s=0.6&rest_s=0.4&stall_s=2&sync_wait_s=1.0&late_s=0.5&backoff_s=0.1"
 FAKES_ALONE = set(fake_dialects("lx200")) - {*names(), "lx200-16"}

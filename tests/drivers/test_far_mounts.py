@@ -27,6 +27,8 @@ from tests.drivers.alpaca.alpaca_server import HERE, AlpacaServer, FakeTelescope
 from tests.drivers.far_wire import far
 from tests.drivers.test_every_family import fake_of
 
+pytestmark = pytest.mark.first  # they wait for mounts: not at the end, when nothing else is left to do
+
 ALLOWED_S = 6.0
 """What a slew may last after the mount stands, on a line that takes no time, on a machine that is busy."""
 

@@ -18,7 +18,7 @@ from mountnav.sky.coordinates import Air, Site
 from tests.drivers.mounts import ioptron_mount, lx200_mount, nexstar_mount, skywatcher_mount
 from tests.drivers.rates_kept import beside_the_meridian, kept_rates
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.first]  # they wait for mounts: not at the end
 
 HERE = Site(49.6, 36.9)
 TIMING = Timing(

@@ -34,7 +34,7 @@ from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from tests.api.observatory.true_mount import SITE
 from tests.settings_text import SERVICE_AND_SITE
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.first]  # they wait for mounts: not at the end
 
 SETTINGS = (
     SERVICE_AND_SITE
@@ -350,7 +350,6 @@ def test_a_guard_does_not_fight_a_service_started_meanwhile(true_mount: TrueMoun
     true_mount.until(sidereal)
 
 
-@pytest.mark.first
 def test_none_of_many_outlive_a_service_that_is_killed_at_any_moment(
     true_mount: TrueMount, place: Place
 ) -> None:

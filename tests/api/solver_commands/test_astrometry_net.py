@@ -168,7 +168,7 @@ def test_all_their_options_are_known(tmp_path: Path) -> None:
 def test_the_parity_binds_as_theirs_does(tmp_path: Path, parity: str, solved: bool) -> None:
     field = fits_field(tmp_path / "field.fits", pixels())
     place = ("--ra", "83", "--dec", "21.5", "--radius", "3")
-    options = ("-p", "-O", "-l", "2", *place, "-u", "app", "-L", "9", "-H", "11")
+    options = ("-p", "-O", "-l", "2", "-d", "1-30", *place, "-u", "app", "-L", "9", "-H", "11")
     for out in (
         theirs("solve-field", *options, "--parity", parity, field),
         call("solve-field", *options, "--parity", parity, field)[1],

@@ -20,6 +20,8 @@ from tests.drivers.alpaca.test_language import rigged as alpaca
 from tests.drivers.generic.plain_language import PlainLanguage
 from tests.drivers.generic.plain_rig import HERE, plain, rigged
 
+pytestmark = pytest.mark.first  # they wait for mounts: not at the end, when nothing else is left to do
+
 
 @asynccontextmanager
 async def on_trial(

@@ -28,6 +28,8 @@ from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.coordinates import Air, Site
 
+pytestmark = pytest.mark.first  # they wait for mounts: not at the end, when nothing else is left to do
+
 HERE = Site(49.6, 36.9)
 QUICK = "poll_s=0.05&start_grace_s=0.5&rest_s=0.2&sync_wait_s=0.5"
 
