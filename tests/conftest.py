@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,10 @@ os.environ["MOUNTNAV_CATALOGS"] = str(ROOT / ".cache" / "no-catalogs")
 os.environ["MOUNTNAV_EPHEMERIDES"] = str(ROOT / ".cache" / "no-ephemerides")
 # a service in a test never writes into the user's journal; a process of tests has its own
 os.environ["MOUNTNAV_JOURNAL"] = str(ROOT / ".cache" / f"journal-of-tests-{os.getpid()}.sqlite")
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # begun in the background by a script: every process that a test begins would take no Ctrl-C either
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(trylast=True)  # when what this run leaves out is gone
