@@ -25,7 +25,7 @@ from mountnav.clock import utc_now
 from mountnav.errors import BadSettings
 from mountnav.masking import masked
 from mountnav.settings.site_file import SiteServiceSettings
-from mountnav.tasks import begun, fault_words, together, waited_for
+from mountnav.tasks import begun, fault_words, waited_for
 
 _log = logging.getLogger(__name__)
 
@@ -259,9 +259,17 @@ class Remote:
 
     async def _looked_at(self) -> Seen:
         key = await asyncio.to_thread(self.settings.key)
-        (health_status, health), (status, telescopes) = await together(
-            self._told("GET", "/v1/health", None), self._told("GET", "/v1/telescopes", key)
+        # each to its own end: a handshake that the other's fault cuts off leaves its socket to the collector
+        healthy, told = await asyncio.gather(
+            self._told("GET", "/v1/health", None),
+            self._told("GET", "/v1/telescopes", key),
+            return_exceptions=True,
         )
+        if isinstance(healthy, BaseException):
+            raise healthy
+        if isinstance(told, BaseException):
+            raise told
+        (health_status, health), (status, telescopes) = healthy, told
         if status in (401, 403):
             return Seen("refused", _refusal(status, telescopes, key), utc_now())
         if health_status not in (200, 503) or not isinstance(health, dict):

@@ -198,9 +198,16 @@ async def test_a_stop_gets_through_silence_and_floods(protocol: str, dialect: st
         )
         await rig.until(lambda: rig.fake.strikes)
         log = rig.mount.wire_log
-        noted, asked_s = log.count, log.now_s()
-        stop = asyncio.create_task(rig.mount.stop())
+        begun: list[tuple[int, float]] = []
+
+        async def stopped_from_now_on() -> None:
+            # what the loop had to do before this is no part of the stop
+            begun.append((log.count, log.now_s()))
+            await rig.mount.stop()
+
+        stop = asyncio.create_task(stopped_from_now_on())
         await rig.until(lambda: not rig.fake.mechanics.slewing())
+        noted, asked_s = begun[0]
         first = rig.sent(noted)
         assert first.data.startswith(fakes(protocol).stops)
         assert first.t_s - asked_s < most_s
