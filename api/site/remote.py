@@ -260,16 +260,15 @@ class Remote:
     async def _looked_at(self) -> Seen:
         key = await asyncio.to_thread(self.settings.key)
         # each to its own end: a handshake that the other's fault cuts off leaves its socket to the collector
-        healthy, told = await asyncio.gather(
+        both = await asyncio.gather(
             self._told("GET", "/v1/health", None),
             self._told("GET", "/v1/telescopes", key),
             return_exceptions=True,
         )
-        if isinstance(healthy, BaseException):
-            raise healthy
-        if isinstance(told, BaseException):
-            raise told
-        (health_status, health), (status, telescopes) = healthy, told
+        for one in both:
+            if isinstance(one, BaseException):
+                raise one
+        (health_status, health), (status, telescopes) = (one for one in both if isinstance(one, tuple))
         if status in (401, 403):
             return Seen("refused", _refusal(status, telescopes, key), utc_now())
         if health_status not in (200, 503) or not isinstance(health, dict):
