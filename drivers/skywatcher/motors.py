@@ -89,6 +89,8 @@ class Motors:
         self.stops = self.starts = 0
         self.refining = OptionalQuestions(link, self._alive)
         self._last: dict[Axis, tuple[Count, bool]] = {}
+        self._slowing: set[Axis] = set()
+        """Those told to stop, and not seen at rest since: "running" they say down their whole ramp."""
 
     # -- questions -------------------------------------------------------------------------------
 
@@ -114,7 +116,10 @@ class Motors:
 
     async def status(self, axis: Axis) -> MotorStatus:
         """What a motor does."""
-        return await self.link.ask(codec.status(axis))
+        told = await self.link.ask(codec.status(axis))
+        if not told.running:
+            self._slowing.discard(axis)
+        return told
 
     async def at_rest(self) -> None:
         """Wait until both motors rest."""
@@ -166,6 +171,7 @@ class Motors:
     async def send_stop(self, again: int = 0) -> None:
         """Stop both past everything else; hard when the ramp doesn't end it."""
         self.stops += 1
+        self._slowing.update(Axis)
         stop = codec.stop_hard if again >= _HARD_AFTER_STOPS else codec.slow_down
         await self.link.send_now(codec.urgent(stop(Axis.HOUR_ANGLE)))
         await asyncio.sleep(_BETWEEN_STOPS_S)
@@ -182,6 +188,7 @@ class Motors:
         loop = asyncio.get_running_loop()
         if not (await self.status(axis)).running:
             return wanted()
+        self._slowing.add(axis)
         await self.order(codec.slow_down(axis))
         began_s = loop.time()
         hard = False
@@ -222,10 +229,11 @@ class Motors:
     async def run(self, axis: Axis, rate_deg_s: float, wanted: Callable[[], bool]) -> bool:
         """Let a motor run on at a low rate (signed: forward counts); False when no longer wanted.
 
-        One that runs so already, that way round, only changes its rate.
+        One that runs so already, that way round, only changes its rate; not on its ramp down, at whose end it
+        would rest.
         """
         status = await self.status(axis)
-        slow = not status.goto and not status.fast
+        slow = not status.goto and not status.fast and axis not in self._slowing
         if status.running and not (slow and status.backward is (rate_deg_s < 0)):
             if not await self.halt(axis, wanted):
                 return False
@@ -245,6 +253,7 @@ class Motors:
         if not wanted():
             return False
         self.starts += 1
+        self._slowing.discard(axis)
         await self.order(codec.start(axis))
         return True
 
@@ -253,11 +262,12 @@ class Motors:
         axis: Axis,
         begin: Callable[[], Awaitable[bool]],
         duration_s: float,
-        end: Command[Nack | None],
+        end: Command[Nack | None] | None = None,
     ) -> bool:
         """Begin something, wait, and end it: in every case, also when the caller is cancelled or it fails.
 
-        `duration_s` counts from the middle of the exchange that begins it. False when it was not begun.
+        `duration_s` counts from the middle of the exchange that begins it; without `end` the motor is halted.
+        False when it was not begun.
 
         When the end is not answered the motor is stopped past everything: better at rest than running on at a
         rate that nobody knows of.
@@ -273,10 +283,13 @@ class Motors:
             await _to_its_end(self._end(end, axis))
         return True
 
-    async def _end(self, end: Command[Nack | None], axis: Axis) -> None:
+    async def _end(self, end: Command[Nack | None] | None, axis: Axis) -> None:
+        if end is None:
+            self._slowing.add(axis)
         try:
-            await self.order(end)
+            await self.order(end or codec.slow_down(axis))
         except DeviceError:
+            self._slowing.add(axis)
             with contextlib.suppress(DeviceError):
                 await self.link.send_now(codec.urgent(codec.slow_down(axis)))
             raise

@@ -163,5 +163,4 @@ class Steering:
         async def begin() -> bool:
             return await self._motors.run(Axis.DECLINATION, rate_deg_s, wanted)
 
-        end = codec.slow_down(Axis.DECLINATION)
-        return await self._motors.for_a_time(Axis.DECLINATION, begin, duration_s, end)
+        return await self._motors.for_a_time(Axis.DECLINATION, begin, duration_s)
