@@ -37,7 +37,7 @@ FAMILIES = [
 ]
 SHORT_S = (0.2, 0.5, 0.8, 1.1)
 """Nobody notices a silence of these: a question is asked again before it counts as unanswered."""
-MUTES_S = (1.0, 2.0, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.5)
+MUTES_S = (2.0, 3.0, 4.0, 4.5, 5.0, 6.5)
 ASKED_BEFORE_AN_ORDER = {"nexstar": b"J", "synscan": b"J"}
 """Commands that go out while an order is told, begin so; the other families' all begin with a colon."""
 WRONG_ARCSEC = 5.0 * 3600.0
@@ -248,7 +248,7 @@ def test_nor_does_one_in_any_family(
 def test_nor_in_any_family_however_long_it_is_mute(
     protocol: str, dialect: str | None, order: str, then: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found, wrong = swept(monkeypatch, protocol, dialect, order, then, mutes_s=MUTES_S[1::3])
+    found, wrong = swept(monkeypatch, protocol, dialect, order, then, mutes_s=MUTES_S[::2])
     assert found == []
     if protocol == "lx200" and order == "slew":
         assert wrong > 0  # it was no idle sweep
