@@ -7,12 +7,11 @@ import itertools
 import logging
 import os
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from api.solver.limits import Limits
-from api.solver.link import ProcessEnded, ProcessLink, Upload, Work, described, in_memory
+from api.solver.link import ProcessEnded, ProcessLink, Upload, Work, in_memory, task_of
 from api.solver.messages import (
     ClusterSeen,
     ClusterSetup,
@@ -223,24 +222,9 @@ class Cluster:
                 await self._send(link, Forget(number))
 
     def _task(self, work: Work) -> Task:
-        masters, number = work.settings.calibration, None
-        if masters is not None:
-            known = [one for one, kept in enumerate(self._masters) if kept is masters]
-            number = known[0] if known else len(self._masters)
-            if not known:
-                self._masters.append(masters)
-        news = masters if number is not None and number not in self._sent else None
-        if number is not None:
-            self._sent.add(number)
-        return Task(
-            source=described(work.source),
-            hint=work.hint,
-            settings=replace(work.settings, calibration=None, index=None),
-            calibration_number=number,
-            calibration=news,
-            # workers have their own at a place of theirs; only that there is one is told
-            index=None if work.index is None else Path(work.index.name),
-        )
+        # workers have their index at a place of theirs; only that there is one is told
+        index = None if work.index is None else Path(work.index.name)
+        return task_of(work, self._masters, self._sent, index)
 
     async def _run(self) -> None:
         from api.solver.on_worker import catalogs_told

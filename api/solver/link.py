@@ -12,7 +12,7 @@ import sys
 from dataclasses import dataclass, replace
 from io import FileIO
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from api.solver.messages import (
     Done,
     SharedFile,
     SharedPixels,
+    Task,
     packed,
     read,
 )
@@ -33,6 +34,9 @@ from mountnav.reading.content import OnDisk, stored
 from mountnav.reading.fits_headers import MOST_PIXELS
 from mountnav.reading.star_lists import ListFormat
 from mountnav.solving.settings import SolveSettings
+
+if TYPE_CHECKING:
+    from mountnav.measuring.calibration import Calibration
 
 _GOODBYE_S = 2.0
 """How long a process may take to end by itself before it is killed, s; chosen by hand. Doubled, a stuck
@@ -252,6 +256,37 @@ class Reading:
     """An upload to read, not to solve."""
 
     source: Upload
+
+
+def task_of(work: Work, masters: list[Calibration], sent: set[int], index: Path | None) -> Task:
+    """A piece of work as it is sent: masters go along once, and by their number from then on.
+
+    Parameters
+    ----------
+    masters : list of Calibration
+        Those that were met so far; a new one is added.
+    sent : set of int
+        Numbers of those that the other end has; this one's is added.
+    index : Path or None
+        The index of the whole sky, as the other end finds it.
+    """
+    mine, number = work.settings.calibration, None
+    if mine is not None:
+        known = [one for one, kept in enumerate(masters) if kept is mine]
+        number = known[0] if known else len(masters)
+        if not known:
+            masters.append(mine)
+    news = None if number is None or number in sent else mine
+    if number is not None:
+        sent.add(number)
+    return Task(
+        source=described(work.source),
+        hint=work.hint,
+        settings=replace(work.settings, calibration=None, index=None),
+        calibration_number=number,
+        calibration=news,
+        index=index,
+    )
 
 
 def described(source: Frame | Upload) -> SharedPixels | SharedFile:

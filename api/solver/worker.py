@@ -25,12 +25,12 @@ from api.solver.link import (
     Reading,
     Upload,
     Work,
-    described,
     empty_file,
     in_memory,
     pixels_in,
+    task_of,
 )
-from api.solver.messages import Done, Read, Ready, Setup, Task
+from api.solver.messages import Done, Read, Ready, Setup
 from mountnav.catalog.stars import Catalog
 from mountnav.errors import BadFrame, DeviceError, MountnavError
 from mountnav.frames import Frame
@@ -361,7 +361,11 @@ class Worker:
                 files.append(empty_file())
             if answer.done():
                 return None
-            task = Read(work.source.name) if isinstance(work, Reading) else self._task(warm, work)
+            task = (
+                Read(work.source.name)
+                if isinstance(work, Reading)
+                else task_of(work, self._masters, warm.calibrations, work.index)
+            )
             done = await self._waited_for(warm, request, work, waited_for(warm.link.ask(task, *files)))
             if not isinstance(done, Done):
                 return done
@@ -405,26 +409,6 @@ class Worker:
         if not isinstance(done, Done):
             raise ProcessEnded(f"process {warm.link.pid} answered something else")
         return done
-
-    def _task(self, warm: _Warm, work: Work) -> Task:
-        masters = work.settings.calibration
-        number: int | None = None
-        if masters is not None:
-            known = [one for one, kept in enumerate(self._masters) if kept is masters]
-            number = known[0] if known else len(self._masters)
-            if not known:
-                self._masters.append(masters)
-        news = masters if number is not None and number not in warm.calibrations else None
-        if number is not None:
-            warm.calibrations.add(number)
-        return Task(
-            source=described(work.source),
-            hint=work.hint,
-            settings=replace(work.settings, calibration=None, index=None),
-            calibration_number=number,
-            calibration=news,
-            index=work.index,
-        )
 
     def _ended(self, work: Work | Reading, limit_s: float, *, left: bool) -> Verdict | None:
         """Tell that the process was ended; the verdict for those who wait."""

@@ -21,6 +21,7 @@ GROUPS_SHOWN = 50
 ASIDE_SHOWN = 100
 """Frames that were set aside, one by one."""
 SLOWEST_SHOWN = 20
+"""Frames that the report names as those that took longest; more would not be read."""
 _STAGES = ("read", "measure", "identify", "total")
 
 _STYLE = """
