@@ -44,8 +44,20 @@ int main(int count, char **given)
     solver.setProperty("UsePosition", true);
     solver.setLogLevel(LOG_ALL);
     solver.setSSLogLevel(LOG_NORMAL);
-    QObject::connect(&solver, &StellarSolver::logOutput, [](const QString &words) {
+    // Its thread that waits stops listening when it happens to look between its question for the calibration and
+    // the answer: it then waits for ever. What it says last tells: code 4
+    bool requesting = false;
+    QObject::connect(&solver, &StellarSolver::logOutput, &app, [&](const QString &words) {
         std::fprintf(stderr, "%s\n", words.toUtf8().constData());
+        if (words.startsWith("Requesting the results"))
+            requesting = true;
+        else if (words.startsWith("Downloading"))
+            requesting = false;
+        else if (words.startsWith("Waiting for Stars and WCS") && requesting)
+            QTimer::singleShot(5000, &app, [&]() {
+                if (requesting)
+                    app.exit(4);
+            });
     });
     QObject::connect(&solver, &StellarSolver::finished, &app, [&]() {
         if (solver.solvingDone() && !solver.failed())

@@ -25,6 +25,11 @@ from tests.api.nova.nova_service import (
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.long]
 SOURCE = Path(__file__).with_name("stellarsolver_online.cpp")
+ITS_OWN_RACE = 4
+"""Exit code of the driver: StellarSolver has stopped listening while our answer was on its way (its `run`
+leaves its loop when it looks between the stages of monitoring and of the log), and would wait for ever."""
+TRIES = 4
+"""Seen once in some thirty runs. Doubled, slow answers of ours would hide behind it."""
 PACKAGES = ("stellarsolver", "Qt5Core", "Qt5Network")
 
 
@@ -68,7 +73,10 @@ async def run(driver: Path, nova: Standing, tmp_path: Path, frame: bytes, kind: 
 async def test_it_understands_what_it_is_told(
     driver: Path, nova: Standing, tmp_path: Path, kind: str
 ) -> None:
-    code, out, log = await run(driver, nova, tmp_path, drawn(), kind)
+    for _ in range(TRIES):
+        code, out, log = await run(driver, nova, tmp_path, drawn(), kind)
+        if code != ITS_OWN_RACE:
+            break
     assert code == 0, log
     ra, dec, scale, orientation, width_arcmin, height_arcmin, wcs = map(float, out.split())
     assert separation_arcsec(Icrs(ra, dec), TRUTH) < 0.2 * SCALE_ARCSEC_PX
