@@ -3,18 +3,24 @@
 Guided by coverage where atheris is installed, each target in a process of its own; else by chance. With
 `--inputs` the search is the same on every machine: so many inputs, by chance. An input that breaks a target
 is kept in its corpus: the next `make test` fails on it until it is mended.
+
+With `--keep DIR` the search goes on where it was left: what it has found to reach more code, and the CPU time that
+each target has had, stay there. ``--keep DIR --hours 1`` goes on in slices until each target has had its hour.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import random
+import resource
 import subprocess
 import sys
 import time
 import traceback
 import warnings
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -90,8 +96,8 @@ def by_chance(name: str, seconds: float, seed: int, most: int | None = None) -> 
     return count
 
 
-def _guided(name: str, seconds: float) -> None:
-    """Let atheris find its way; never returns."""
+def _guided(name: str, seconds: float, grown: Path | None) -> None:
+    """Let atheris find its way, from what it has found before; never returns."""
     import atheris
 
     with atheris.instrument_imports(include=["mountnav", "drivers", "api"]):
@@ -103,8 +109,63 @@ def _guided(name: str, seconds: float) -> None:
         (seeds / f"{number:03d}").write_bytes(data)
     options = [f"-max_total_time={seconds:.0f}", "-max_len=20000", "-timeout=60", "-rss_limit_mb=3000"]
     options += [f"-artifact_prefix={CORPORA}/{name}-", "-verbosity=0", "-print_final_stats=1"]
-    atheris.Setup([sys.argv[0], *options, str(seeds)], lambda data: _tried(name, data))
+    # libFuzzer writes what it finds into the first folder
+    folders = [str(seeds)] if grown is None else [str(grown), str(seeds)]
+    atheris.Setup([sys.argv[0], *options, *folders], lambda data: _tried(name, data))
     atheris.Fuzz()
+
+
+class Spent:
+    """The CPU time that each target has had so far, in a file of the folder that is kept.
+
+    Parameters
+    ----------
+    folder : Path or None
+        None: nothing is kept.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        self.cpu_s: dict[str, float] = {}
+        if folder is not None and (folder / "cpu_s.json").exists():
+            self.cpu_s = json.loads((folder / "cpu_s.json").read_text())
+
+    def grown(self, name: str) -> Path | None:
+        """Where a target's inputs are kept."""
+        if self.folder is None:
+            return None
+        (self.folder / name).mkdir(parents=True, exist_ok=True)
+        return self.folder / name
+
+    def add(self, name: str, cpu_s: float) -> None:
+        """Count, and write it down."""
+        self.cpu_s[name] = round(self.cpu_s.get(name, 0.0) + cpu_s, 1)
+        if self.folder is not None:
+            (self.folder / "cpu_s.json").write_text(json.dumps(self.cpu_s, indent=1) + "\n")
+
+    def turns(self, names: list[str], hours: float | None) -> Iterator[str]:
+        """Each target once; with hours, always the one that has had the least, until each has had them."""
+        if hours is None:
+            yield from names
+            return
+        while short := [name for name in names if self.cpu_s.get(name, 0.0) < hours * 3600.0]:
+            yield min(short, key=lambda name: self.cpu_s.get(name, 0.0))
+
+
+def _guided_apart(name: str, seconds: float, spent: Spent) -> bool:
+    """Search in a process of its own; whether nothing broke."""
+    command = [sys.executable, "-m", "tests.fuzz", "--guided", name, "--seconds", str(seconds)]
+    if (grown := spent.grown(name)) is not None:
+        command += ["--keep", str(grown)]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    ended = subprocess.run(command, check=False, capture_output=True, text=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu_s = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    spent.add(name, cpu_s)
+    told = [line for line in ended.stderr.splitlines() if "number_of_executed_units" in line]
+    held = "ok" if ended.returncode == 0 else ended.stdout + ended.stderr[-3000:]
+    print(f"{name}: {cpu_s:.0f} CPU s, {spent.cpu_s[name]:.0f} so far", *told, held, flush=True)
+    return ended.returncode == 0
 
 
 def main() -> int:
@@ -114,27 +175,29 @@ def main() -> int:
     parser.add_argument("--inputs", type=int, help="for each target, by chance, instead of a time")
     parser.add_argument("--target", action="append", help="only this one; may be given again")
     parser.add_argument("--seed", type=int, default=int(time.time()), help="for the search by chance")
+    parser.add_argument("--keep", type=Path, help="folder in which a guided search goes on where it was left")
+    parser.add_argument(
+        "--hours", type=float, help="with --keep: CPU hours of each target, all sessions together"
+    )
     parser.add_argument("--guided", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     warnings.simplefilter("ignore")
     if chosen.guided:
-        _guided(chosen.guided, chosen.seconds)
+        _guided(chosen.guided, chosen.seconds, chosen.keep)
         return 0
+    guided = chosen.inputs is None and find_spec("atheris") is not None
+    if chosen.hours is not None and (chosen.keep is None or not guided):
+        parser.error("--hours needs --keep, and atheris (pip install atheris)")
     from tests.fuzz.targets import TARGETS
 
-    broken = []
-    for name in chosen.target or TARGETS:
-        if chosen.inputs is None and find_spec("atheris"):
-            command = [sys.executable, "-m", "tests.fuzz", "--guided", name, "--seconds", str(chosen.seconds)]
-            ended = subprocess.run(command, check=False, capture_output=True, text=True)
-            told = [line for line in ended.stderr.splitlines() if "number_of_executed_units" in line]
-            print(
-                name,
-                *told,
-                "ok" if ended.returncode == 0 else ended.stdout + ended.stderr[-3000:],
-                flush=True,
-            )
-            broken += [name] if ended.returncode else []
+    spent = Spent(chosen.keep)
+    broken: list[str] = []
+    for name in spent.turns(chosen.target or list(TARGETS), chosen.hours):
+        if guided:
+            if not _guided_apart(name, chosen.seconds, spent):
+                broken.append(name)
+                if chosen.hours is not None:
+                    break  # it would break in the same way again
             continue
         try:
             count = by_chance(name, chosen.seconds, chosen.seed, chosen.inputs)
