@@ -4,8 +4,8 @@ Guided by coverage where atheris is installed, each target in a process of its o
 `--inputs` the search is the same on every machine: so many inputs, by chance. An input that breaks a target
 is kept in its corpus: the next `make test` fails on it until it is mended.
 
-With `--keep DIR` the search goes on where it was left: what it has found to reach more code, and the CPU time that
-each target has had, stay there. ``--keep DIR --hours 1`` goes on in slices until each target has had its hour.
+With `--keep DIR` the search goes on where it was left: what it has found to reach more code, and the CPU time
+that each target has had, stay there. ``--keep DIR --hours 1`` goes on in slices until each has had its hour.
 """
 
 from __future__ import annotations
@@ -143,12 +143,16 @@ class Spent:
         if self.folder is not None:
             (self.folder / "cpu_s.json").write_text(json.dumps(self.cpu_s, indent=1) + "\n")
 
-    def turns(self, names: list[str], hours: float | None) -> Iterator[str]:
-        """Each target once; with hours, always the one that has had the least, until each has had them."""
+    def turns(self, names: list[str], hours: float | None, broken: list[str]) -> Iterator[str]:
+        """Each target once; with hours, always the one that has had the least, until each has had them.
+
+        One that broke would break in the same way again: it gets no more.
+        """
         if hours is None:
             yield from names
             return
-        while short := [name for name in names if self.cpu_s.get(name, 0.0) < hours * 3600.0]:
+        most_s = hours * 3600.0
+        while short := [name for name in names if self.cpu_s.get(name, 0.0) < most_s and name not in broken]:
             yield min(short, key=lambda name: self.cpu_s.get(name, 0.0))
 
 
@@ -192,12 +196,12 @@ def main() -> int:
 
     spent = Spent(chosen.keep)
     broken: list[str] = []
-    for name in spent.turns(chosen.target or list(TARGETS), chosen.hours):
+    if unknown := set(chosen.target or ()) - set(TARGETS):
+        parser.error(f"no such target: {', '.join(sorted(unknown))}; there are {', '.join(TARGETS)}")
+    for name in spent.turns(chosen.target or list(TARGETS), chosen.hours, broken):
         if guided:
             if not _guided_apart(name, chosen.seconds, spent):
                 broken.append(name)
-                if chosen.hours is not None:
-                    break  # it would break in the same way again
             continue
         try:
             count = by_chance(name, chosen.seconds, chosen.seed, chosen.inputs)
