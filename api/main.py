@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import io
 import os
 import sys
 
@@ -11,6 +12,9 @@ from mountnav.errors import BadRequest, BadSettings, JournalDamaged, MountnavErr
 
 def main() -> None:
     """Run the command line; exit 1 on trouble, 2 on bad usage or settings, 130 when interrupted."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # a terminal or pipe of another encoding has no arc second sign: a question mark there, and no end
+        sys.stdout.reconfigure(errors="replace")
     if sys.argv[1:] == ["--version"]:
         from mountnav import __version__
 

@@ -134,7 +134,7 @@ def read_bytes(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> bytes:
 
 
 def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
-    """Read a plain UTF-8 file whole, whose line ends become line feeds.
+    """Read a plain UTF-8 file whole, whose line ends become line feeds; a byte order mark is no part of it.
 
     Raises
     ------
@@ -142,7 +142,8 @@ def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
         As `read_bytes`.
     UnicodeDecodeError
     """
-    return read_bytes(path, most_bytes).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+    # editors and spreadsheets of Windows begin UTF-8 with the mark
+    return read_bytes(path, most_bytes).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def replace_bytes(path: Path, content: bytes | bytearray | memoryview) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import glob
 import io
@@ -98,6 +99,7 @@ def _lines(path: Path) -> Iterator[str]:
         content = read_bytes(path, MOST_LIST_BYTES)
     except OSError as fault:
         raise BadRequest(f"{path}: {fault.strerror or fault}", advice="name a text file") from fault
+    content = content.removeprefix(codecs.BOM_UTF8)
     for line in content.split(b"\0" if b"\0" in content else b"\n"):
         if line.strip():
             yield os.fsdecode(line.rstrip(b"\r"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import glob
 import os
 import sys
@@ -114,6 +115,7 @@ def _listed(name: str) -> list[Path]:
         raise BadRequest(
             f"--list {name}: {error.strerror or error}", advice="name a text file, or -"
         ) from error
+    content = content.removeprefix(codecs.BOM_UTF8)
     parts = content.split(b"\0") if b"\0" in content else content.split(b"\n")
     return [Path(os.fsdecode(part.rstrip(b"\r"))) for part in parts if part.strip()]
 

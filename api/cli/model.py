@@ -173,7 +173,7 @@ def import_(
             "the latitude of the telescope is not known", advice="give --config, --site or --latitude"
         )
     with refusing_os_errors(f"{file} can't be read"):
-        text = read_bytes(file).decode("utf-8", "replace")
+        text = read_bytes(file).decode("utf-8-sig", "replace")
     model = model_from(
         read_coefficients(text, name=str(file)),
         model_id=uuid4().hex,

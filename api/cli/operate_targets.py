@@ -171,7 +171,7 @@ def _text_of(path: Path) -> str:
     if len(data) > LARGEST_FILE_BYTES:
         raise BadRequest(f"{path} is larger than {LARGEST_FILE_BYTES >> 20} MB", advice="cut it to the night")
     try:
-        text: str = data.decode("utf-8")
+        text: str = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")
     return text

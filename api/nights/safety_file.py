@@ -95,7 +95,7 @@ def unsafe_by_file(file: Path, max_age_s: float, now_s: Callable[[], float]) -> 
     """
     try:
         written_s = os.stat(file).st_mtime
-        words = read_bytes(file, _MOST_BYTES).decode("utf-8", errors="replace").split()
+        words = read_bytes(file, _MOST_BYTES).decode("utf-8-sig", errors="replace").split()
     except OSError as trouble:
         return f"the safety file can't be read: {trouble.strerror or trouble}"
     # reading may have taken long

@@ -527,7 +527,7 @@ def _read(path: Path) -> Iterator[Elements | str]:
     packed = path.suffix.lower() == ".gz"
     with open_unpacked(path, packed=packed) as raw:
         try:
-            head = raw.read(65_536).decode("utf-8", "replace")
+            head = raw.read(65_536).decode("utf-8-sig", "replace")
         except (OSError, EOFError, gzip.BadGzipFile) as wrong:
             raise BadRequest(f"{path.name} can't be unpacked: {wrong}") from wrong
     if head.lstrip()[:1] in ("{", "["):
@@ -542,7 +542,7 @@ def _read(path: Path) -> Iterator[Elements | str]:
 
 def _lines(path: Path, packed: bool) -> Iterator[str]:
     """Lines of a file, none longer than is taken for one."""
-    with open_unpacked(path, packed=packed) as raw, TextIOWrapper(raw, "utf-8", "replace") as text:
+    with open_unpacked(path, packed=packed) as raw, TextIOWrapper(raw, "utf-8-sig", "replace") as text:
         try:
             while line := text.readline(_LONGEST_LINE):
                 yield line
@@ -609,7 +609,7 @@ def _read_json(path: Path, packed: bool) -> Iterator[Elements | str]:
 def _records(path: Path, packed: bool) -> Iterator[Any]:
     decoder = json.JSONDecoder()
     buffer, in_list, at_end = "", None, False
-    with open_unpacked(path, packed=packed) as raw, TextIOWrapper(raw, "utf-8", "replace") as text:
+    with open_unpacked(path, packed=packed) as raw, TextIOWrapper(raw, "utf-8-sig", "replace") as text:
         while True:
             buffer = buffer.lstrip(" \t\r\n,")
             if in_list is None and buffer:

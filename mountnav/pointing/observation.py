@@ -172,7 +172,7 @@ def read_observations(path: Path) -> list[PointingObservation]:
         The file can't be read, or a line of it is no observation; tells which.
     """
     try:
-        with TextIOWrapper(open_buffered(path), encoding="utf-8") as lines:
+        with TextIOWrapper(open_buffered(path), encoding="utf-8-sig") as lines:
             return sorted(_lines(lines, path.name), key=lambda one: one.utc)
     except (OSError, UnicodeDecodeError) as cause:
         raise BadRequest(f"can't read the observations in {path.name}: {cause}") from cause

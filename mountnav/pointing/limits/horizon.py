@@ -82,7 +82,7 @@ class Horizon:
             It can't be read, or a line of it is no azimuth and altitude; tells the line.
         """
         try:
-            text = read_text(path).removeprefix("\ufeff")
+            text = read_text(path)
         except (OSError, UnicodeDecodeError) as error:
             raise BadSettings(
                 f"the horizon file can't be read: {error}",

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from pathlib import Path
 
 import pytest
 
 from api.cli.output import finite_or_none, print_json, refusing_os_errors, unreadable
+from api.main import main
 from mountnav.errors import BadRequest
 from tests.api.command_here import run_here
 
@@ -28,6 +30,18 @@ def test_json_as_others_want_it(capsys: pytest.CaptureFixture[str]) -> None:
     print_json({"a": ["ü", 1]}, ascii_only=False, compact=True)
     print_json([1], indent=1)
     assert capsys.readouterr().out == '{"a":["ü",1]}\n[\n 1\n]\n'
+
+
+def test_a_pipe_of_another_encoding_gets_question_marks(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with (tmp_path / "out").open("w", encoding="ascii") as out:
+        monkeypatch.setattr(sys, "stdout", out)
+        monkeypatch.setattr(sys, "argv", ["mountnav", "solve", "no-such-file.fits"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert ended.value.code == 1
+    assert (tmp_path / "out").read_text("ascii").startswith("? no-such-file.fits  not solved")
 
 
 def test_files_that_cant_be_used_are_refused_with_the_reason() -> None:
