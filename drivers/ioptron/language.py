@@ -11,12 +11,13 @@ from datetime import datetime
 
 from drivers.generic.language import Identity, Readout, Sent, Wanted
 from drivers.generic.serial_language import SerialLanguage
-from drivers.ioptron import exchange, following
+from drivers.ioptron import exchange
 from drivers.ioptron.codec import v3
-from drivers.ioptron.codec.command_set import CommandSet
+from drivers.ioptron.codec.dialect import CommandSet
 from drivers.ioptron.codec.greeting import COMMAND_SETS, GREETING, Model, model
 from drivers.ioptron.codec.values import MountState, PierSide, Status, TrackingRate
 from drivers.ioptron.exchange import IoptronExchange, destination_side, site_of, why_not
+from drivers.ioptron.rates import MOST, SPANS, STEP_ARCSEC_S, move_ra, order_rates, told_rates
 from drivers.wire.command import Command
 from drivers.wire.exchange import Patience
 from drivers.wire.line import ByteLine, ControlLines, SerialLine
@@ -398,33 +399,33 @@ class IoptronLanguage(SerialLanguage):
     @property
     def most_offset_arcsec_s(self) -> OffsetRates | None:
         """0.9 of the sidereal rate in right ascension, none in declination."""
-        return following.MOST if self._follows else None
+        return MOST if self._follows else None
 
     @property
     def offset_step_arcsec_s(self) -> float:
         """Four decimals of the sidereal rate."""
-        return following.STEP_ARCSEC_S if self._follows else 0.0
+        return STEP_ARCSEC_S if self._follows else 0.0
 
     async def send_offset_rates(self, rates: OffsetRates) -> None:
         """Order the custom rate. Raises `DeviceRefused` for a part in declination, too."""
         if not self._follows:
             raise self._unsupported("track at offset rates")
-        await following.order_rates(self._exchange, rates)
+        await order_rates(self._exchange, rates)
 
     async def read_offset_rates(self) -> OffsetRates | None:
         """What it is set to track at."""
-        return await following.told_rates(self._exchange) if self._follows else None
+        return await told_rates(self._exchange) if self._follows else None
 
     @property
     def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
         """Speeds of the arrow keys, of right ascension alone."""
-        return {"primary": following.SPANS} if self._follows else {}
+        return {"primary": SPANS} if self._follows else {}
 
     async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
         """Press an arrow key, or let go of it. Raises `DeviceRefused`."""
         if axis not in self.axis_rates_deg_s:
             raise self._unsupported(f"move its {axis} axis by hand")
-        return await following.move_ra(self._exchange, rate_deg_s, wanted)
+        return await move_ra(self._exchange, rate_deg_s, wanted)
 
     # -- clock, site and sides ---------------------------------------------------------------------
 

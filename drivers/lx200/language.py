@@ -16,7 +16,7 @@ from drivers.generic.one_axis import refuse_lame_axis
 from drivers.generic.serial_language import SerialLanguage
 from drivers.lx200.codec.base import Answer
 from drivers.lx200.codec.dialect import Dialect, Nudge, Order
-from drivers.lx200.dialects import dialect_named
+from drivers.lx200.codec.greeting import dialect_named
 from drivers.lx200.readings import Lx200Reader
 from drivers.wire.command import Command
 from drivers.wire.exchange import Patience

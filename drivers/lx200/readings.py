@@ -13,7 +13,7 @@ from drivers.generic.language import Identity, Readout
 from drivers.generic.serial_language import OptionalQuestions
 from drivers.lx200.codec import base
 from drivers.lx200.codec.dialect import Dialect, Handshake, Pointing, State
-from drivers.lx200.dialects import recognized, weak
+from drivers.lx200.codec.greeting import recognized, weak
 from drivers.wire.command import Command
 from drivers.wire.link import Link
 from mountnav.clock import utc_now

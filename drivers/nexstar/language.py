@@ -1,9 +1,9 @@
 """NexStar as a `drivers.generic.language.Language`: which letters make a reading or an order.
 
-Celestron's hand controls and Sky-Watcher's SynScan share the letters; what differs stands in `handsets`. A
-hand control answers every order with ``#``, carried out or not: what became of it is seen in the sky. That
-one ``#`` is like another: before each order that is sent once a letter is asked back which was not used
-just before, so that no ``#`` that was owed from earlier can be taken for its answer.
+Celestron's hand controls and Sky-Watcher's SynScan share the letters; what differs stands in `codec.dialect`.
+A hand control answers every order with ``#``, carried out or not: what became of it is seen in the sky. One
+``#`` is like another. So before each order that is sent once a letter is asked back which was not used just
+before: no ``#`` that was owed from earlier can be taken for its answer.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import Any
 
 from drivers.generic.language import Identity, Readout, Sent, Wanted
 from drivers.generic.serial_language import SerialLanguage
-from drivers.nexstar import following
 from drivers.nexstar.codec import base
-from drivers.nexstar.codec.handsets import Handset, Tracking, Version
+from drivers.nexstar.codec.dialect import Handset, Tracking, Version
+from drivers.nexstar.codec.greeting import Ask, Greeting, greet
 from drivers.nexstar.codec.passthrough import (
     LONGEST_PULSE_S,
     LUNAR,
@@ -29,9 +29,9 @@ from drivers.nexstar.codec.passthrough import (
 )
 from drivers.nexstar.codec.replies import LONG_STEP_ARCSEC, SHORT_STEP_ARCSEC, WirePair
 from drivers.nexstar.codec.site_and_time import clock_of, goes_on, site_of, time_for, wire_site
-from drivers.nexstar.exchange import Ask, Greeting, HandsetExchange, greet
-from drivers.nexstar.following import Following, Turning
+from drivers.nexstar.exchange import HandsetExchange
 from drivers.nexstar.parking import Horizon, Parking
+from drivers.nexstar.rates import MOST_ARCSEC_S, SPANS, STEP_ARCSEC_S, Following, Turning
 from drivers.wire.command import Command
 from drivers.wire.exchange import Patience
 from drivers.wire.line import ByteLine, ControlLines, SerialLine
@@ -441,12 +441,12 @@ class NexstarLanguage(SerialLanguage):
     @property
     def most_offset_arcsec_s(self) -> OffsetRates | None:
         """A degree a second."""
-        return OffsetRates(following.MOST_ARCSEC_S, following.MOST_ARCSEC_S) if self._follows else None
+        return OffsetRates(MOST_ARCSEC_S, MOST_ARCSEC_S) if self._follows else None
 
     @property
     def offset_step_arcsec_s(self) -> float:
         """A quarter of an arcsecond a second."""
-        return following.STEP_ARCSEC_S if self._follows else 0.0
+        return STEP_ARCSEC_S if self._follows else 0.0
 
     async def send_offset_rates(self, rates: OffsetRates) -> None:
         """Switch tracking off and run both motors; or switch it on again [NexStar T, P 0x06].
@@ -483,7 +483,7 @@ class NexstarLanguage(SerialLanguage):
     @property
     def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
         """Any speed that the motors can be told."""
-        return {"primary": following.SPANS, "secondary": following.SPANS} if self._follows else {}
+        return {"primary": SPANS, "secondary": SPANS} if self._follows else {}
 
     async def send_move_axis(self, axis: MountAxis, rate_deg_s: float, wanted: Wanted) -> Sent:
         """Run one motor at another rate, or again as before. Raises `DeviceRefused`."""
