@@ -29,7 +29,7 @@ from drivers.fakes.bench.memory import MemoryLine
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.ioptron.language import IoptronLanguage
-from drivers.lx200.dialects import dialect_named
+from drivers.lx200.codec.greeting import dialect_named
 from drivers.lx200.language import Lx200Language
 from drivers.nexstar.language import NexstarLanguage
 from drivers.registry import fake_machine, make_fake

@@ -16,7 +16,7 @@ from datetime import datetime
 from typing import TypeVar
 
 from drivers.alpaca.client import AlpacaClient, require_known
-from drivers.alpaca.codec import base, telescope_state
+from drivers.alpaca.codec import base, state
 from drivers.alpaca.codec.base import PARKED, AlpacaRefused, Malformed, Parameters, reason_of
 from drivers.alpaca.device import AlpacaDevice, Found
 from drivers.alpaca.rates import CAN_OFFSET, AxisOrders, OffsetRateOrders
@@ -268,7 +268,7 @@ class AlpacaLanguage(Unskilled):
     @property
     def skills(self) -> frozenset[Skill]:
         """By what it says it can, and what was seen to be implemented."""
-        said = telescope_state.skills(self._can, self._reader.implemented, finds_home=self._habits.finds_home)
+        said = state.skills(self._can, self._reader.implemented, finds_home=self._habits.finds_home)
         return said | ({Skill.MOVE_AXIS} if self._axes.spans else set())
 
     @property
@@ -276,7 +276,7 @@ class AlpacaLanguage(Unskilled):
         """At which rates it can be ordered to track."""
         if not self._can.get("cansettracking"):
             return frozenset()
-        told = frozenset(rate for rate, number in telescope_state.RATES.items() if number in self._rates)
+        told = frozenset(rate for rate, number in state.RATES.items() if number in self._rates)
         return told or frozenset({TrackingRate.SIDEREAL})
 
     @property
@@ -310,7 +310,7 @@ class AlpacaLanguage(Unskilled):
             problems.append("it was not connected: we connected it")
         system = await device.maybe("equatorialsystem", lambda value: base.integer(value, 0, 99))
         self._reader.epoch = self._epoch_of(system, problems)
-        self._can = await device.asked_all((*telescope_state.CAN, *CAN_OFFSET), base.truth)
+        self._can = await device.asked_all((*state.CAN, *CAN_OFFSET), base.truth)
         if not (self._can.get("canslewasync") or self._can.get("canslew")):
             problems.append("it says that it can't slew")
         await self._reader.begin(found.version, _PROBED)
@@ -322,14 +322,12 @@ class AlpacaLanguage(Unskilled):
         return Identity(self._identity(found, system), tuple(problems))
 
     def _identity(self, found: Found, system: int | None) -> str:
-        spoken = telescope_state.SYSTEMS.get(-1 if system is None else system, "unknown")
+        spoken = state.SYSTEMS.get(-1 if system is None else system, "unknown")
         return f"{found.name} ({found.driver}; ITelescopeV{found.version}, {spoken} coordinates)"
 
     def _epoch_of(self, system: int | None, problems: list[str]) -> Epoch:
-        told = None if system is None else telescope_state.EPOCHS.get(system)
-        spoken = (
-            "doesn't say which" if system is None else f"says {telescope_state.SYSTEMS.get(system, system)}"
-        )
+        told = None if system is None else state.EPOCHS.get(system)
+        spoken = "doesn't say which" if system is None else f"says {state.SYSTEMS.get(system, system)}"
         wanted = self._habits.epoch
         if wanted is None and told is None:
             raise DeviceRefused(
@@ -361,7 +359,7 @@ class AlpacaLanguage(Unskilled):
         more = set()
         if len(self._rates) > 1:
             more.add("trackingrates")
-        here = telescope_state.said_place((await self._reader.readout()).place)
+        here = state.said_place((await self._reader.readout()).place)
         if await self._device.has("destinationsideofpier", here):
             more.add("destinationsideofpier")
         self._reader.implemented |= more
@@ -395,7 +393,7 @@ class AlpacaLanguage(Unskilled):
         if not wanted():
             return Sent(wire=False)
         member = "slewtocoordinatesasync" if at_once else "slewtocoordinates"
-        return await self._moving.order(member, telescope_state.said_place(place), at_once=at_once)
+        return await self._moving.order(member, state.said_place(place), at_once=at_once)
 
     async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
         """Order a sync."""
@@ -404,7 +402,7 @@ class AlpacaLanguage(Unskilled):
         if not wanted():
             return Sent(wire=False)
         try:
-            await self._client.put("synctocoordinates", telescope_state.said_place(place))
+            await self._client.put("synctocoordinates", state.said_place(place))
         except (DeviceSilent, DeviceGarbled) as failure:
             return Sent(lost=failure)
         except AlpacaRefused as refused:
@@ -441,7 +439,7 @@ class AlpacaLanguage(Unskilled):
     async def send_tracking(self, on: bool, rate: TrackingRate) -> None:
         """Order tracking, the rate first."""
         if on and self._rates:
-            wanted = telescope_state.RATES.get(rate)
+            wanted = state.RATES.get(rate)
             if wanted is None or wanted not in self._rates:
                 raise self._unsupported(f"track at the {rate} rate")
             if await self._device.value("trackingrate", base.integer) != wanted:
@@ -454,7 +452,7 @@ class AlpacaLanguage(Unskilled):
         if not wanted():
             return Sent(wire=False)
         deadline_s = self._client.deadline_s + duration_s
-        pulse = {"Direction": telescope_state.PULSES[direction], "Duration": round(1000.0 * duration_s)}
+        pulse = {"Direction": state.PULSES[direction], "Duration": round(1000.0 * duration_s)}
         try:
             await self._client.put("pulseguide", pulse, deadline_s=deadline_s)
         except (DeviceSilent, DeviceGarbled) as failure:
@@ -573,9 +571,9 @@ class AlpacaLanguage(Unskilled):
         """On which side it would look at a place."""
         if "destinationsideofpier" not in self._reader.implemented:
             return None
-        said = telescope_state.said_place(place)
+        said = state.said_place(place)
         try:
-            return await self._device.value("destinationsideofpier", telescope_state.pier_side, said)
+            return await self._device.value("destinationsideofpier", state.pier_side, said)
         except AlpacaRefused:
             # out of its range or in a state where it can't say
             return None

@@ -10,7 +10,7 @@ import contextlib
 from collections.abc import Mapping
 
 from drivers.alpaca.client import understood
-from drivers.alpaca.codec import base, rates, telescope_state
+from drivers.alpaca.codec import base, rates, state
 from drivers.alpaca.codec.base import AlpacaRefused, Malformed
 from drivers.alpaca.device import AlpacaDevice
 from drivers.generic.language import Sent, Wanted
@@ -19,7 +19,7 @@ from mountnav.errors import DeviceError, DeviceGarbled, DeviceSilent
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from mountnav.tasks import both
 
-_SIDEREAL = telescope_state.RATES[TrackingRate.SIDEREAL]
+_SIDEREAL = state.RATES[TrackingRate.SIDEREAL]
 CAN_OFFSET = ("cansetrightascensionrate", "cansetdeclinationrate")
 """A telescope takes offset rates when it says yes to both: a comet moves in both coordinates."""
 
@@ -174,7 +174,7 @@ class AxisOrders:
 
     async def _side_now(self) -> PierSide | None:
         try:
-            return await self._device.maybe("sideofpier", telescope_state.pier_side)
+            return await self._device.maybe("sideofpier", state.pier_side)
         except (AlpacaRefused, DeviceGarbled):
             return None
 

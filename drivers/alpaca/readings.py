@@ -11,7 +11,7 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from drivers.alpaca.client import understood
-from drivers.alpaca.codec import base, telescope_state
+from drivers.alpaca.codec import base, state
 from drivers.alpaca.codec.base import AlpacaRefused, Malformed
 from drivers.alpaca.device import AlpacaDevice
 from drivers.generic.language import Readout
@@ -73,19 +73,19 @@ class MountReader:
             If the server is gone or its driver is not connected.
         """
         # all at once: one after the other, over a slow line, they would be of times that lie seconds apart
-        (state, utc, span), slewing = await both(self._placed(), self._slewing())
+        (told, utc, span), slewing = await both(self._placed(), self._slewing())
         try:
-            place = telescope_state.place(state["rightascension"], state["declination"], self.epoch, utc)
-            by_state = telescope_state.maybe_truth(state, "slewing")
+            place = state.place(told["rightascension"], told["declination"], self.epoch, utc)
+            by_state = state.maybe_truth(told, "slewing")
             return Readout(
                 place,
                 utc,
                 span_s=span.total_seconds(),
                 slewing=slewing if by_state is None or slewing is None else slewing or by_state,
-                tracking=telescope_state.maybe_truth(state, "tracking"),
-                parked=telescope_state.maybe_truth(state, "atpark"),
-                at_home=telescope_state.maybe_truth(state, "athome"),
-                pier_side=telescope_state.pier_side(state.get("sideofpier")),
+                tracking=state.maybe_truth(told, "tracking"),
+                parked=state.maybe_truth(told, "atpark"),
+                at_home=state.maybe_truth(told, "athome"),
+                pier_side=state.pier_side(told.get("sideofpier")),
                 failed=self._failed,
             )
         except Malformed as fault:
@@ -93,11 +93,11 @@ class MountReader:
 
     async def _placed(self) -> tuple[dict[str, Any], datetime, timedelta]:
         """Place and state, when (the middle between question and answer), and how long that took."""
-        state: dict[str, Any] = {}
+        told: dict[str, Any] = {}
         before = utc_now()
         if self._by_state:
-            state = await self._state()
-        missing = [member for member in _NEEDED if state.get(member) is None]
+            told = await self._state()
+        missing = [member for member in _NEEDED if told.get(member) is None]
         if missing:
             before = utc_now()
         answered = before
@@ -111,8 +111,8 @@ class MountReader:
         rest = () if self._by_state else _STATES
         values = await together(*map(read, missing), *map(self._maybe, rest))
         span = (answered if missing else utc_now()) - before
-        state |= dict(zip((*missing, *rest), values, strict=True))
-        return state, before + span / 2, span
+        told |= dict(zip((*missing, *rest), values, strict=True))
+        return told, before + span / 2, span
 
     async def _slewing(self) -> bool | None:
         if "slewing" not in self.implemented:

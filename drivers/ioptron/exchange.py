@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from drivers.generic.serial_language import OptionalQuestions
 from drivers.ioptron.codec import v3
-from drivers.ioptron.codec.command_set import CommandSet
+from drivers.ioptron.codec.dialect import CommandSet
 from drivers.ioptron.codec.greeting import GREETING, Model
 from drivers.ioptron.codec.values import MountState, Status
 from drivers.wire.command import Command

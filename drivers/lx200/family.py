@@ -32,7 +32,7 @@ def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMo
 
 
 def _dialect_names() -> Collection[str]:
-    from drivers.lx200.dialects import names
+    from drivers.lx200.codec.greeting import names
 
     return names()
 

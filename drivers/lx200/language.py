@@ -9,14 +9,12 @@ import asyncio
 import contextlib
 from collections.abc import Awaitable, Callable, Mapping
 from datetime import datetime
-from typing import TypeVar
 
 from drivers.generic.language import Identity, Readout, Sent, Wanted
-from drivers.generic.one_axis import refuse_lame_axis
 from drivers.generic.serial_language import SerialLanguage
-from drivers.lx200.codec.base import Answer
 from drivers.lx200.codec.dialect import Dialect, Nudge, Order
-from drivers.lx200.dialects import dialect_named
+from drivers.lx200.codec.greeting import dialect_named
+from drivers.lx200.rates import move_axis, order_rates
 from drivers.lx200.readings import Lx200Reader
 from drivers.wire.command import Command
 from drivers.wire.exchange import Patience
@@ -25,7 +23,6 @@ from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import pause, real_s
 from mountnav.devices import (
-    STARS_RATES,
     Direction,
     Epoch,
     MountAxis,
@@ -35,7 +32,7 @@ from mountnav.devices import (
     Skill,
     TrackingRate,
 )
-from mountnav.errors import DeviceError, DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
+from mountnav.errors import DeviceError, DeviceRefused
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
 Once = Callable[[tuple[Order, ...], str, Wanted], Awaitable[Sent]]
@@ -83,9 +80,6 @@ async def nudged(
     return sent
 
 
-T = TypeVar("T")
-
-
 class Lx200Language(SerialLanguage):
     """LX200 over a link.
 
@@ -100,7 +94,7 @@ class Lx200Language(SerialLanguage):
     def __init__(self, link: Link, dialect: Dialect | None = None, *, epoch: Epoch | None = None) -> None:
         super().__init__(link)
         self._reader = Lx200Reader(link, dialect)
-        self._ask = self._reader.ask
+        self._exchange = self._reader.exchange
         self._wanted_epoch = epoch
         self._target = asyncio.Lock()
 
@@ -179,57 +173,36 @@ class Lx200Language(SerialLanguage):
         async with self._target:
             await self._aim(place)
             if not (self.dialect.tracks_before_slew and self._reader.rests):
-                return await self._once((self.dialect.slew,), "the slew", wanted)
+                return await self._exchange.once((self.dialect.slew,), "the slew", wanted)
             return await self._tracking_then_slew(wanted)
 
     async def _tracking_then_slew(self, wanted: Wanted) -> Sent:
         dialect = self.dialect
-        sent = await self._once(dialect.tracking_on, "tracking", wanted)
+        sent = await self._exchange.once(dialect.tracking_on, "tracking", wanted)
         if not sent.wire or sent.lost is not None:
             return sent
         try:
-            return await self._once((dialect.slew,), "the slew", wanted)
+            return await self._exchange.once((dialect.slew,), "the slew", wanted)
         except DeviceRefused:
             # as it was: nothing has changed when an order was refused
             for order in dialect.tracking_off:
-                await self._order(order, "tracking")
+                await self._exchange.order(order, "tracking")
             raise
 
     async def send_sync(self, place: Apparent | Icrs, wanted: Wanted) -> Sent:
         """Set the target, then sync on it, once."""
         async with self._target:
             await self._aim(place)
-            return await self._once((self.dialect.sync,), "the sync", wanted)
+            return await self._exchange.once((self.dialect.sync,), "the sync", wanted)
 
     async def _aim(self, place: Apparent | Icrs) -> None:
         dialect = self.dialect
-        await self._order(
+        await self._exchange.order(
             dialect.set_ra(place.ra_deg, self._reader.short), f"a right ascension of {place.ra_deg:.5f}°"
         )
-        await self._order(
+        await self._exchange.order(
             dialect.set_dec(place.dec_deg, self._reader.short), f"a declination of {place.dec_deg:.5f}°"
         )
-
-    async def _order(self, order: Order, what: str) -> None:
-        answer = await self._ask(order)
-        if isinstance(answer, Answer) and answer.refusal is not None:
-            raise self._refused(what, answer.refusal, answer.reason)
-        if answer is False:
-            raise self._refused(what, "0", Refusal.OTHER)
-
-    def _refused(self, what: str, words: str, reason: Refusal) -> DeviceRefused:
-        return DeviceRefused(f"refused {what}: {words}", device=self.device, reason=reason)
-
-    async def _once(self, orders: tuple[Order, ...], what: str, wanted: Wanted) -> Sent:
-        """Send orders once, unless a stop has come; a lost answer is reported, not asked for again."""
-        for number, order in enumerate(orders):
-            if not wanted():
-                return Sent(wire=number > 0)
-            try:
-                await self._order(order, what)
-            except (DeviceSilent, DeviceGarbled) as failure:
-                return Sent(lost=failure)
-        return Sent()
 
     async def send_stop(self, again: int) -> None:
         """Stop all motion, past every other exchange."""
@@ -238,11 +211,11 @@ class Lx200Language(SerialLanguage):
         await self._link.send_now(*dialect.stop)
         if again == 0:
             for order in dialect.after_stop:
-                await self._order(order, "what follows a stop")
+                await self._exchange.order(order, "what follows a stop")
 
     async def send_park(self, wanted: Wanted) -> Sent:
         """Order parking."""
-        sent = await self._once(self._words(self.dialect.park, "park"), "parking", wanted)
+        sent = await self._exchange.once(self._words(self.dialect.park, "park"), "parking", wanted)
         if sent.wire:
             self._reader.parking_ordered()
         return sent
@@ -251,7 +224,7 @@ class Lx200Language(SerialLanguage):
         """Order unparking."""
         try:
             for order in self._words(self.dialect.unpark, "unpark"):
-                await self._order(order, "unparking")
+                await self._exchange.order(order, "unparking")
         except DeviceRefused:
             # some say no where there is nothing to unpark
             if (await self.readout()).parked is not False:
@@ -261,12 +234,12 @@ class Lx200Language(SerialLanguage):
     async def send_home(self, wanted: Wanted) -> Sent:
         """Order homing."""
         self._reader.parking_over()
-        return await self._once(self._words(self.dialect.home, "go home"), "homing", wanted)
+        return await self._exchange.once(self._words(self.dialect.home, "go home"), "homing", wanted)
 
     async def send_set_park(self) -> None:
         """Take the present place for the park position."""
         for order in self._words(self.dialect.set_park, "set a park position"):
-            await self._order(order, "the park position")
+            await self._exchange.order(order, "the park position")
 
     @property
     def tracking_rates(self) -> frozenset[TrackingRate]:
@@ -287,7 +260,7 @@ class Lx200Language(SerialLanguage):
         else:
             raise self._unsupported(f"track at the {rate} rate")
         for order in orders:
-            await self._order(order, "tracking")
+            await self._exchange.order(order, "tracking")
 
     def _words(self, words: tuple[Order, ...], what: str) -> tuple[Order, ...]:
         if not words:
@@ -300,16 +273,16 @@ class Lx200Language(SerialLanguage):
         """Guide; returns when the pulse is over."""
         dialect = self.dialect
         if dialect.pulse is not None:
-            return await timed_pulses(dialect, self._once, direction, duration_s, wanted)
+            return await timed_pulses(dialect, self._exchange.once, direction, duration_s, wanted)
         if dialect.nudge is not None:
             halt = self._link.send_now
-            return await nudged(dialect.nudge, self._once, halt, direction, duration_s, wanted)
+            return await nudged(dialect.nudge, self._exchange.once, halt, direction, duration_s, wanted)
         raise self._unsupported("guide")
 
     async def guiding(self) -> bool | None:
         """Whether a pulse still runs, where the dialect has a word for it."""
         dialect = self.dialect
-        return None if dialect.guiding is None else await dialect.guiding(self._ask)
+        return None if dialect.guiding is None else await dialect.guiding(self._exchange)
 
     # -- what moves --------------------------------------------------------------------------------
 
@@ -326,32 +299,16 @@ class Lx200Language(SerialLanguage):
         return 0.0 if dialect is None or dialect.offsets is None else dialect.offsets.step_arcsec_s
 
     async def send_offset_rates(self, rates: OffsetRates) -> None:
-        """Order rates beside the sidereal one; when the second of two orders is refused, neither counts.
-
-        Raises
-        ------
-        DeviceRefused
-            If it has no such words, takes none in that axis, or says no.
-        """
+        """Order rates beside the sidereal one; see `order_rates`."""
         words = self.dialect.offsets
         if words is None:
             raise self._unsupported("track at offset rates")
-        refuse_lame_axis(rates, words.most_arcsec_s, words.why_one, device=self.device)
-        sent = False
-        try:
-            for order in words.set(rates):
-                await self._order(order, "the offset rates")
-                sent = True
-        except DeviceRefused:
-            if sent and not rates.none:
-                for order in words.set(STARS_RATES):
-                    await self._order(order, "the end of the offset rates")
-            raise
+        await order_rates(self._exchange, words, rates)
 
     async def read_offset_rates(self) -> OffsetRates | None:
         """What it says to have, where it says it."""
         words = self.dialect.offsets
-        return None if words is None or words.read is None else await words.read(self._ask)
+        return None if words is None or words.read is None else await words.read(self._exchange)
 
     @property
     def axis_rates_deg_s(self) -> Mapping[MountAxis, tuple[RateSpan, ...]]:
@@ -370,14 +327,7 @@ class Lx200Language(SerialLanguage):
         keys = self.dialect.keys
         if keys is None or axis not in keys.spans:
             raise self._unsupported(f"move its {axis} axis by hand")
-        if rate_deg_s == 0.0:
-            return await self._once(keys.let_go_of(axis), "the end of the motion", wanted)
-        why = "" if keys.never is None else await keys.never(self._ask)
-        if why:
-            raise DeviceRefused(
-                f"can't move its axes by hand: {why}", device=self.device, reason=Refusal.UNSUPPORTED
-            )
-        return await self._once(keys.pressed(axis, rate_deg_s), "the motion", wanted)
+        return await move_axis(self._exchange, keys, axis, rate_deg_s, wanted)
 
     # -- clock, site, sides ------------------------------------------------------------------------
 
@@ -386,7 +336,7 @@ class Lx200Language(SerialLanguage):
         dialect = self.dialect
         if dialect.read_clock is None or not self._reader.ready:
             return None
-        return await dialect.read_clock(self._ask)
+        return await dialect.read_clock(self._exchange)
 
     async def write_clock(self, utc: datetime) -> None:
         """Set its clock, in the zone of UTC."""
@@ -394,7 +344,7 @@ class Lx200Language(SerialLanguage):
         if dialect.write_clock is None:
             raise self._unsupported("take a time")
         for order in dialect.write_clock(utc):
-            await self._order(order, f"the {order.meaning}")
+            await self._exchange.order(order, f"the {order.meaning}")
         self._reader.clock_was_set()
 
     async def read_site(self) -> Site | None:
@@ -402,7 +352,7 @@ class Lx200Language(SerialLanguage):
         dialect = self.dialect
         if dialect.read_site is None or not self._reader.ready:
             return None
-        return await dialect.read_site(self._ask)
+        return await dialect.read_site(self._exchange)
 
     async def write_site(self, site: Site) -> None:
         """Tell it where it stands."""
@@ -410,7 +360,7 @@ class Lx200Language(SerialLanguage):
         if dialect.write_site is None:
             raise self._unsupported("take a site")
         for order in dialect.write_site(site):
-            await self._order(order, f"the {order.meaning}")
+            await self._exchange.order(order, f"the {order.meaning}")
 
     async def destination_side(self, place: Apparent | Icrs) -> PierSide | None:
         """On which side it would look at a place; sets the target, moves nothing."""
@@ -419,7 +369,7 @@ class Lx200Language(SerialLanguage):
             return None
         async with self._target:
             await self._aim(place)
-            return await dialect.destination_side(self._ask)
+            return await dialect.destination_side(self._exchange)
 
 
 def lx200_language(

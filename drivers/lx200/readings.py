@@ -7,48 +7,24 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import replace
-from typing import TypeVar
 
 from drivers.generic.language import Identity, Readout
-from drivers.generic.serial_language import OptionalQuestions
 from drivers.lx200.codec import base
 from drivers.lx200.codec.dialect import Dialect, Handshake, Pointing, State
-from drivers.lx200.dialects import recognized, weak
-from drivers.wire.command import Command
+from drivers.lx200.codec.greeting import recognized, weak
+from drivers.lx200.exchange import Lx200Exchange
 from drivers.wire.link import Link
 from mountnav.clock import utc_now
 from mountnav.devices import Epoch
 from mountnav.errors import DeviceGarbled, DeviceRefused, DeviceSilent, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs
 
-T = TypeVar("T")
 _SHORT_ARCSEC = 15.0
 """Right ascensions with a coarser step than this come in the short format."""
 _NAMELESS = (
     "it tells no name, so it is given the few words that any clone has; if it knows more, name its dialect "
     "in the URL (?dialect=...)"
 )
-
-
-class _Questions:
-    """Puts questions over a link; see `drivers.lx200.codec.dialect.Ask`."""
-
-    def __init__(self, link: Link) -> None:
-        self._link = link
-        self.has_letter = False
-        """Whether it answered ACK: a Gemini that starts up answers nothing else."""
-        self.refining = OptionalQuestions(
-            link, self._alive, greetings=(base.ALIGNMENT, base.PRODUCT, base.FIRMWARE)
-        )
-
-    async def __call__(self, command: Command[T], deadline_s: float | None = None) -> T:
-        return await self._link.ask(command, deadline_s=deadline_s)
-
-    async def known(self, command: Command[T]) -> T | None:
-        return await self.refining.known(command)
-
-    async def _alive(self) -> None:
-        await self._link.ask(base.ALIGNMENT if self.has_letter else base.GET_RA)
 
 
 class Lx200Reader:
@@ -63,8 +39,8 @@ class Lx200Reader:
     def __init__(self, link: Link, named: Dialect | None) -> None:
         self._link = link
         self._named = named
-        self.ask = _Questions(link)
-        """Puts one question; see `drivers.wire.link.Link.ask`."""
+        self.exchange = Lx200Exchange(link)
+        """How it is asked."""
         self.dialect: Dialect | None = named
         self.step_arcsec = _SHORT_ARCSEC
         self.rests = False
@@ -111,8 +87,8 @@ class Lx200Reader:
         DeviceSilent, DeviceGarbled
             If it reports no place, or no greeting that can be believed.
         """
-        self.ask.has_letter = False
-        self.ask.refining.begin()
+        self.exchange.has_letter = False
+        self.exchange.refining.begin()
         handshake = await self._handshake()
         if handshake.product is None and self._known is not None:
             # it gave its name before: on a bad line that counts more than a silence now
@@ -126,19 +102,19 @@ class Lx200Reader:
         self._fresh, self._starting = self._starting, self._boot is not None
         self._parking, self.rests = None, False
         for order in dialect.prelude:
-            await self.ask(order)
+            await self.exchange(order)
         if self.ready:
-            spot = await dialect.place(self.ask)
+            spot = await dialect.place(self.exchange)
             if spot.ra.step_arcsec > _SHORT_ARCSEC and dialect.toggle is not None:
                 # it toggles: sent once, and only to a mount seen in the short format [LX200 :U#]
-                await self.ask(dialect.toggle)
-                spot = await dialect.place(self.ask)
+                await self.exchange(dialect.toggle)
+                spot = await dialect.place(self.exchange)
             self.step_arcsec = spot.ra.step_arcsec
             dialect = self.dialect = await self._refined(dialect, spot)
         self._look_for_power_up = True
         named = " ".join(filter(None, (handshake.product, handshake.firmware)))
         text = f"{dialect.caption}: {named}" if named else dialect.caption
-        problems = (self._boot,) if self._boot else self.ask.refining.notes
+        problems = (self._boot,) if self._boot else self.exchange.refining.notes
         if self._named is None and dialect.name == "basic":
             problems = (_NAMELESS, *problems)
         return Identity(text, problems)
@@ -147,10 +123,10 @@ class Lx200Reader:
         """Ask what every dialect bears; clones may know one greeting, or none."""
         if self._named is not None and not self._named.greets:
             return Handshake()
-        letter = await self.ask.known(base.ALIGNMENT)
-        self.ask.has_letter = letter is not None
-        product = await self.ask.known(base.PRODUCT)
-        firmware = await self.ask.known(base.FIRMWARE) if product is not None else None
+        letter = await self.exchange.known(base.ALIGNMENT)
+        self.exchange.has_letter = letter is not None
+        product = await self.exchange.known(base.PRODUCT)
+        firmware = await self.exchange.known(base.FIRMWARE) if product is not None else None
         return Handshake(
             None if letter is None else letter.letter, letter is not None and letter.ended, product, firmware
         )
@@ -168,23 +144,23 @@ class Lx200Reader:
 
     async def _refined(self, dialect: Dialect, spot: Pointing) -> Dialect:
         """Ask all that the mount may lack, and leave out what it does lack."""
-        lacks = self.ask.refining.lacks
+        lacks = self.exchange.refining.lacks
         dialect = dialect.without(dialect, lacks)
         if spot.state is None and dialect.state is not None:
-            await dialect.state(self.ask)
+            await dialect.state(self.exchange)
         for question in dialect.asked_sometimes:
-            await self.ask.known(question)
+            await self.exchange.known(question)
         if dialect.fresh is not None:
-            await dialect.fresh(self.ask)
+            await dialect.fresh(self.exchange)
         if dialect.offsets is not None and dialect.offsets.read is not None:
-            await dialect.offsets.read(self.ask)
+            await dialect.offsets.read(self.exchange)
         dialect = dialect.without(dialect, lacks)
         if dialect.read_guide_rate is not None:
             # one that doesn't say is guided all the same
-            self.guide_rate_deg_s = await dialect.read_guide_rate(self.ask)
-        if dialect.read_clock is not None and await dialect.read_clock(self.ask) is None:
+            self.guide_rate_deg_s = await dialect.read_guide_rate(self.exchange)
+        if dialect.read_clock is not None and await dialect.read_clock(self.exchange) is None:
             dialect = replace(dialect, read_clock=None)
-        if dialect.read_site is not None and await dialect.read_site(self.ask) is None:
+        if dialect.read_site is not None and await dialect.read_site(self.exchange) is None:
             dialect = replace(dialect, read_site=None)
         return dialect
 
@@ -203,7 +179,7 @@ class Lx200Reader:
         assert self.dialect is not None
         troubles = self._link.troubles
         before = utc_now()
-        spot = await self.dialect.place(self.ask)
+        spot = await self.dialect.place(self.exchange)
         span = utc_now() - before
         utc = before + span / 2
         state = await self._state_of(spot, self.dialect)
@@ -228,7 +204,7 @@ class Lx200Reader:
     async def _state_of(self, spot: Pointing, dialect: Dialect) -> State:
         if spot.state is not None:
             return spot.state
-        return await dialect.state(self.ask) if dialect.state else State()
+        return await dialect.state(self.exchange) if dialect.state else State()
 
     async def _see_whether_it_is_ready(self) -> None:
         assert self.dialect is not None
@@ -238,7 +214,7 @@ class Lx200Reader:
         self._boot = None
         self._fresh, self._starting = True, False
         # while it started up it answered little: nothing is missing for that
-        self.ask.refining.begin()
+        self.exchange.refining.begin()
 
     async def _was_switched_on(self, dialect: Dialect) -> bool:
         if self._link.troubles != self._troubles:
@@ -247,7 +223,7 @@ class Lx200Reader:
         if dialect.fresh is not None and (self._look_for_power_up or self._fresh):
             # a mount that doesn't know the question gives no evidence
             with contextlib.suppress(DeviceSilent, DeviceGarbled):
-                self._fresh = await dialect.fresh(self.ask)
+                self._fresh = await dialect.fresh(self.exchange)
             self._look_for_power_up = False
         self._troubles = self._link.troubles
         return self._fresh

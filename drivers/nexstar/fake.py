@@ -16,7 +16,7 @@ from datetime import UTC, datetime, timedelta
 from drivers.fakes.faults import Fault
 from drivers.fakes.wire_fake import WireFake
 from drivers.family import Fakes
-from drivers.nexstar.codec.handsets import STARSENSE, Handset, Tracking, Version
+from drivers.nexstar.codec.dialect import STARSENSE, Handset, Tracking, Version
 from drivers.nexstar.codec.passthrough import (
     LUNAR,
     SIDEREAL,

@@ -29,7 +29,7 @@ from drivers.skywatcher.axes import (
     turns_at,
 )
 from drivers.skywatcher.codec import Axis
-from drivers.skywatcher.following import ground_rates, most_beside, rates_of, spans_of, step_beside
+from drivers.skywatcher.rates import ground_rates, most_beside, rates_of, spans_of, step_beside
 from drivers.skywatcher.readings import SkywatcherReading
 from drivers.skywatcher.steering import Aim
 from drivers.wire.exchange import Patience

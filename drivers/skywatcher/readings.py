@@ -10,8 +10,8 @@ from drivers.generic.serial_language import SerialLanguage
 from drivers.skywatcher import codec
 from drivers.skywatcher.axes import HOME, RATES_DEG_S, AxisCounts, SkywatcherSettings, Turns, place_of, sight
 from drivers.skywatcher.codec import NOT_EQUATORIAL, Axis, MotorStatus
-from drivers.skywatcher.following import Following
-from drivers.skywatcher.motors import Count, Motors
+from drivers.skywatcher.exchange import Count, Motors
+from drivers.skywatcher.rates import Following
 from drivers.skywatcher.steering import Steering
 from drivers.wire.link import Link
 from mountnav.devices import Epoch, OffsetRates, PierSide, Skill, TrackingRate

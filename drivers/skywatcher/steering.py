@@ -14,7 +14,7 @@ from datetime import datetime, timedelta
 from drivers.skywatcher import codec
 from drivers.skywatcher.axes import AxisCounts, SkywatcherSettings, Turns, goto_s, sky_sign
 from drivers.skywatcher.codec import Axis
-from drivers.skywatcher.motors import Motors
+from drivers.skywatcher.exchange import Motors
 from mountnav.clock import utc_now
 from mountnav.errors import DeviceError
 from mountnav.sky.coordinates import SIDEREAL_DEG_S

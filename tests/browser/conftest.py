@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -78,7 +78,7 @@ class Visit:
 
 
 @contextmanager
-def visiting(browser: Browser, **options: object) -> Iterator[Visit]:
+def visiting(browser: Browser, **options: Any) -> Iterator[Visit]:
     """Visit with options of the context; the browser must have had nothing to complain of."""
     context = browser.new_context(**{"viewport": {"width": 1500, "height": 1100}, **options})
     try:

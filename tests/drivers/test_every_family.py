@@ -16,7 +16,7 @@ from drivers.fakes.faults import Fault
 from drivers.fakes.wire_fake import WireFake
 from drivers.generic.link_supervisor import LinkState
 from drivers.generic.mount import GenericMount
-from drivers.lx200.dialects import names
+from drivers.lx200.codec.greeting import names
 from drivers.registry import fake_dialects, fake_machine, fake_protocols, fakes, make_fake, open_mount
 from drivers.wire.wire_log import WireEntry
 from mountnav.clock import utc_now

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from drivers.ioptron.language import IoptronLanguage
-from drivers.lx200.dialects import dialect_named
+from drivers.lx200.codec.greeting import dialect_named
 from drivers.lx200.language import Lx200Language
 from drivers.nexstar.language import NexstarLanguage
 from drivers.registry import fake_machine, fakes

@@ -17,6 +17,7 @@ from mountnav.reading import read_frame
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Reason
 from mountnav.solving.solve import SolveSettings, solve
+from tests.present import present
 
 GLANCE, FULL = SolveSettings(), SolveSettings(glance=False)
 
@@ -37,19 +38,20 @@ def test_a_glance_gives_the_same_place(shared, word):
     assert "at a glance" in quick.detail
     assert "at a glance" not in full.detail
     worst = [
-        float(np.max(field_errors_px(got.solution.wcs, test, one.scale_arcsec_px))) for got in (quick, full)
+        float(np.max(field_errors_px(present(got.solution).wcs, test, one.scale_arcsec_px)))
+        for got in (quick, full)
     ]
     assert one.error_px(quick) < 0.01
     assert worst[0] < max(0.02, 1.5 * worst[1])
-    assert quick.solution.pairs > 0.8 * full.solution.pairs
+    assert present(quick.solution).pairs > 0.8 * present(full.solution).pairs
 
 
 @pytest.mark.long
 def test_a_glance_tells_of_the_night_what_measuring_in_full_tells(shared):
     one = known(shared, "A02")
     frame = read_frame(one.path)
-    quick = solve(frame, embedded_catalog(), hint=one.hint, settings=GLANCE).quality
-    full = solve(frame, embedded_catalog(), hint=one.hint, settings=FULL).quality
+    quick = present(solve(frame, embedded_catalog(), hint=one.hint, settings=GLANCE).quality)
+    full = present(solve(frame, embedded_catalog(), hint=one.hint, settings=FULL).quality)
     assert quick.images is full.images
     assert quick.fwhm_px == pytest.approx(full.fwhm_px, rel=0.05)
     assert quick.sky_adu == pytest.approx(full.sky_adu, rel=0.02)
@@ -61,9 +63,9 @@ def test_a_glance_tells_of_the_night_what_measuring_in_full_tells(shared):
 @pytest.mark.long
 def test_the_errors_of_the_precise_centroids_are_honest(shared):
     one = known(shared, "A01")
-    pairs = solve(
-        read_frame(one.path), embedded_catalog(), hint=one.hint, settings=GLANCE
-    ).solution.identified
+    pairs = present(
+        solve(read_frame(one.path), embedded_catalog(), hint=one.hint, settings=GLANCE).solution
+    ).identified
     pull = np.hypot(pairs.dx_arcsec, pairs.dy_arcsec)[pairs.used]
     sigma = np.hypot(pairs.centroid_sigma_arcsec, pairs.catalog_sigma_arcsec)[pairs.used]
     # for two coordinates the median of the modulus over sigma is 1.18

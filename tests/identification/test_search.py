@@ -1,7 +1,7 @@
 """Star lists: found under any rotation, mirror, scale and shift; chance and wrong places refused."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -40,8 +40,7 @@ class InventedSky:
         ra0, dec0 = math.radians(center.ra_deg), math.radians(center.dec_deg)
         cosine = np.sin(dec) * math.sin(dec0) + np.cos(dec) * math.cos(dec0) * np.cos(ra - ra0)
         chosen = np.flatnonzero((cosine >= math.cos(math.radians(radius_deg))) & (s.mag <= (mag_limit or 99)))
-        arrays = (s.ra_deg, s.dec_deg, s.sigma_arcsec, s.mag, s.pm_ra_cosdec_mas_yr, s.pm_dec_mas_yr)
-        return Stars(*(one[chosen] for one in arrays), epoch_yr=epoch_yr, band="V", source=self.name)
+        return replace(s.only(chosen), epoch_yr=epoch_yr, band="V", source=self.name)
 
 
 def invented_sky(seed=3, count=3000, half_deg=3.0):

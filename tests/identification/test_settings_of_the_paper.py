@@ -16,6 +16,7 @@ from mountnav.measuring.measure import measure
 from mountnav.sky.sphere import displaced, separation_arcsec
 from mountnav.units import julian_year
 from tests.identification.listed_sky import EPOCH, asked, drawn, galactic
+from tests.present import present
 
 PAPER = IdentificationSettings.profile("paper")
 
@@ -116,7 +117,7 @@ def test_the_count_is_a_share_of_the_pairs_that_could_be():
     inside = np.flatnonzero((x > 0) & (x < 999) & (y > 0) & (y < 799))
 
     def counted(plate, stars):
-        poor = got.stars.only(inside[:stars])
+        poor = present(got.stars).only(inside[:stars])
         return count_rule_share(plate, poor, m.x_px, m.y_px, width_px=1000, height_px=800, settings=PAPER)
 
     assert min(counted(right, stars) for stars in (16, 6)) >= 0.7
@@ -159,8 +160,12 @@ def test_both_profiles_find_the_same_plate_of_a_frame(shared):
             got = identify(measurements, embedded_catalog(), known.hint, epoch_yr=2000.0, settings=settings)
             assert got.reference is not None, got.detail
             plates.append(got.reference.plate)
-        assert separation_arcsec(plates[0].center(), plates[1].center()) < 0.01 * known.scale_arcsec_px
-        assert separation_arcsec(plates[0].center(), known.center) < 0.1 * known.scale_arcsec_px
+        assert separation_arcsec(plates[0].center(), plates[1].center()) < 0.01 * present(
+            known.scale_arcsec_px
+        )
+        assert separation_arcsec(plates[0].center(), present(known.center)) < 0.1 * present(
+            known.scale_arcsec_px
+        )
 
 
 @pytest.mark.long
@@ -187,7 +192,9 @@ def test_frames_with_fewer_catalog_stars_than_measurements_are_solved(shared, na
         measure(frame), embedded_catalog(), asked_of(known, frame), epoch_yr=julian_year(utc), settings=PAPER
     )
     assert got.reference is not None, got.detail
-    assert separation_arcsec(got.reference.plate.center(), known.center) < 0.5 * known.scale_arcsec_px
+    assert separation_arcsec(got.reference.plate.center(), present(known.center)) < 0.5 * present(
+        known.scale_arcsec_px
+    )
     assert got.numbers["confirmed_share"] >= 0.7
     assert got.numbers["hypotheses"] < 50_000
     assert got.false_probability < 1e-9

@@ -11,6 +11,7 @@ from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.saturation import find_saturated_patches
 from mountnav.measuring.settings import MeasuringSettings
+from tests.measuring.nearest import nearest
 from tests.measuring.painted import as_frame
 from tests.measuring.skies import exposed, field, stamped
 from tests.measuring.spoiling import add_bleed, add_cosmics, add_hot_pixels
@@ -31,7 +32,7 @@ def spread_stars(count: int, seed: int, faint: float, fwhm_px: float) -> tuple[n
     x, y, electrons = field(count, seed, faint, SIZE)
     order = np.argsort(-electrons)
     x, y, electrons = x[order], y[order], electrons[order]
-    keep = KDTree(WELLS).query(np.c_[x, y])[0] > 40.0
+    keep = nearest(WELLS, np.c_[x, y])[0] > 40.0
     for i, j in KDTree(np.c_[x, y]).query_pairs(6.0 * fwhm_px):
         keep[max(i, j)] = False
     return x[keep], y[keep], electrons[keep]
@@ -42,7 +43,8 @@ def spread_stars(count: int, seed: int, faint: float, fwhm_px: float) -> tuple[n
 def test_bleeding_stars_keep_their_places_and_their_tails_make_no_stars(sideways: bool) -> None:
     x, y, electrons = spread_stars(250, 3, 500.0, 3.0)
     image = exposed(
-        FLAT, stamped(x, y, electrons, SIZE) + stamped(*WELLS.T, np.array([3e6, 6e6, 1.2e7]), SIZE)
+        FLAT,
+        stamped(x, y, electrons, SIZE) + stamped(WELLS[:, 0], WELLS[:, 1], np.array([3e6, 6e6, 1.2e7]), SIZE),
     )
     whole = image.copy()
     for k, (a, b) in enumerate(WELLS):
@@ -51,12 +53,12 @@ def test_bleeding_stars_keep_their_places_and_their_tails_make_no_stars(sideways
         image, whole, x, y = image.T, whole.T, y, x
     wells = WELLS[:, ::-1] if sideways else WELLS
     found, plain = measured(image), measured(whole)
-    tree = KDTree(np.c_[found.x_px, found.y_px])
-    distance, index = tree.query(wells)
+    tree = np.c_[found.x_px, found.y_px]
+    distance, index = nearest(tree, wells)
     assert distance.max() < 0.3
     assert ((found.flags[index] & (Flag.SATURATED | Flag.BLEED)) == (Flag.SATURATED | Flag.BLEED)).all()
     stars = np.r_[np.c_[x, y], wells]
-    false = KDTree(stars).query(np.c_[found.x_px, found.y_px])[0] > 2.0
+    false = nearest(stars, np.c_[found.x_px, found.y_px])[0] > 2.0
     false &= (found.flags & NO_STAR) == 0
     assert (false & (found.flux > 5.0 * found.flux_sigma)).sum() <= 2
     # stars off the columns don't notice
@@ -65,7 +67,7 @@ def test_bleeding_stars_keep_their_places_and_their_tails_make_no_stars(sideways
     off = np.abs(positions[:, [across]] - wells[None, :, across]).min(axis=1) > 12.0
     off &= (plain.flux > 3e3) & (plain.flags == 0)
     assert along != across
-    distance, index = tree.query(positions[off])
+    distance, index = nearest(tree, positions[off])
     assert np.percentile(distance, 98) < 0.05
     assert ((found.flags[index] & Flag.BLEED) == 0).all()
 
@@ -74,7 +76,8 @@ def test_bleeding_stars_keep_their_places_and_their_tails_make_no_stars(sideways
 def test_a_round_saturated_star_and_a_spiked_one_do_not_bleed() -> None:
     x, y, electrons = spread_stars(250, 3, 500.0, 3.0)
     image = exposed(
-        FLAT, stamped(x, y, electrons, SIZE) + stamped(*WELLS.T, np.array([3e6, 6e6, 1.2e7]), SIZE)
+        FLAT,
+        stamped(x, y, electrons, SIZE) + stamped(WELLS[:, 0], WELLS[:, 1], np.array([3e6, 6e6, 1.2e7]), SIZE),
     )
     rows, columns = np.mgrid[0 : SIZE[0], 0 : SIZE[1]]
     dx, dy = columns - WELLS[0, 0], rows - WELLS[0, 1]
@@ -110,9 +113,9 @@ def test_cosmic_rays_are_told_from_stars(fwhm_px: float) -> None:
     found = measured(image)
     positions = np.c_[found.x_px, found.y_px]
     hits = np.r_[np.c_[ray_x, ray_y], np.c_[hot_x, hot_y]]
-    star_far, star = KDTree(np.c_[x, y]).query(positions)
+    star_far, star = nearest(np.c_[x, y], positions)
     is_star = star_far < 1.0
-    hit_far = KDTree(hits).query(positions)[0]
+    hit_far = nearest(hits, positions)[0]
     flagged = (found.flags & NO_STAR) > 0
     passed = ~is_star & ~flagged & (star_far > 3.0 * fwhm_px) & (found.flux > 5.0 * found.flux_sigma)
     clean_stars = is_star & (hit_far > 16.0) & (electrons[star] > 1500.0)

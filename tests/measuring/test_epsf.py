@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial import KDTree
 
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, StarImages
+from tests.measuring.nearest import nearest
 from tests.measuring.painted import Array, as_frame, painted, scattered, spots, star
 
 
@@ -54,8 +54,8 @@ def test_one_source_per_star_in_the_middle_of_its_image(
     x, y = scattered(49, size, seed=31, margin=40.0)
     electrons = np.random.default_rng(32).permutation(np.geomspace(1e4, 3e5, 49))
     found = measure(as_frame(painted(x, y, electrons, fwhm_px=fwhm_px, points=points, size=size, seed=33)))
-    tree = KDTree(np.c_[found.x_px, found.y_px])
-    distance, index = tree.query(np.c_[x, y])
+    tree = np.c_[found.x_px, found.y_px]
+    distance, index = nearest(tree, np.c_[x, y])
     assert (distance < 1.0).all()
     assert len(found) <= 51  # not a ring of peaks
     bright = electrons > 4e4
@@ -89,15 +89,15 @@ def test_hot_pixels_among_trails_are_told_apart() -> None:
         x, y, np.full(36, 1e5), fwhm_px=2.5, points=spots(trail_px=12.0, trail_deg=20.0), size=size
     )
     hot = np.random.default_rng(35).integers(40, 460, (12, 2))
-    far = KDTree(np.c_[x, y]).query(hot)[0] > 25.0
+    far = nearest(np.c_[x, y], hot)[0] > 25.0
     hot = hot[far]
     assert len(hot) >= 4
     image[hot[:, 1], hot[:, 0]] += 15_000.0
     found = measure(as_frame(image))
-    distance, index = KDTree(np.c_[found.x_px, found.y_px]).query(hot)
+    distance, index = nearest(np.c_[found.x_px, found.y_px], hot)
     there = distance < 5.0
     assert ((found.flags[index[there]] & int(Flag.NO_PEAK)) > 0).all()
-    distance, index = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[x, y])
+    distance, index = nearest(np.c_[found.x_px, found.y_px], np.c_[x, y])
     assert (distance < 0.2).all()
     assert ((found.flags[index] & int(Flag.NO_PEAK)) == 0).all()
 
@@ -114,7 +114,7 @@ def test_ordinary_pairs_of_stars_are_no_rings() -> None:
         size=size,
     )
     found = measure(as_frame(image))
-    distance, _ = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[x, y])
+    distance, _ = nearest(np.c_[found.x_px, found.y_px], np.c_[x, y])
     assert (distance < 0.2).all()
     assert found.quality is not None
     assert found.quality.images is StarImages.WELL_SAMPLED

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
-from scipy.spatial import KDTree
 
 from mountnav.frames import Frame
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Measurements, SkyQuality, StarImages, with_plate
+from tests.measuring.nearest import nearest
 from tests.measuring.painted import Array, as_frame, painted, scattered, spots
 
 
@@ -70,7 +72,7 @@ def test_half_the_stars_at_the_limiting_flux_are_found(fwhm_px: float, beta: flo
     x, y = scattered(bright + faint, size, seed=54)
     mixed = np.random.default_rng(55).permutation(bright + faint)
     x, y = x[mixed], y[mixed]
-    shown = {"fwhm_px": fwhm_px, "beta": beta, "size": size}
+    shown: dict[str, Any] = {"fwhm_px": fwhm_px, "beta": beta, "size": size}
     limit = of(
         as_frame(painted(x[:bright], y[:bright], np.full(bright, 2e4), seed=56, **shown))
     ).limiting_flux_adu
@@ -79,7 +81,7 @@ def test_half_the_stars_at_the_limiting_flux_are_found(fwhm_px: float, beta: flo
     def share(flux: float) -> float:
         electrons = np.r_[np.full(bright, 2e4), np.full(faint, flux)]
         found = measure(as_frame(painted(x, y, electrons, seed=57, **shown)))
-        distance, _ = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[x, y][bright:])
+        distance, _ = nearest(np.c_[found.x_px, found.y_px], np.c_[x, y][bright:])
         return float((distance < max(1.5, 0.6 * fwhm_px)).mean())
 
     shares = {part: share(part * limit) for part in (0.8, 1.0, 1.25)}
@@ -122,7 +124,7 @@ def test_a_plate_gives_magnitudes() -> None:
     electrons = np.geomspace(5e3, 3e5, 64)
     true_mag = 21.3 - 2.5 * np.log10(electrons)
     found = measure(as_frame(painted(x, y, electrons, fwhm_px=3.0, size=size, seed=60)))
-    _, index = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[x, y])
+    _, index = nearest(np.c_[found.x_px, found.y_px], np.c_[x, y])
     flux, mag = found.flux[index].copy(), true_mag + np.random.default_rng(61).normal(0.0, 0.1, 64)
     mag[:6] -= 3.0  # wrong pairs and variables
     flux[7], mag[8] = -1.0, np.nan

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy.io import fits
-from scipy.spatial import KDTree
 
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.frames import Frame
@@ -18,6 +17,7 @@ from mountnav.measuring.hfd import measure_hfd
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame
 from mountnav.sky.coordinates import Icrs
+from tests.measuring.nearest import nearest
 
 TAKEN = datetime(2026, 3, 1, 3, tzinfo=UTC)
 
@@ -46,8 +46,8 @@ def _disc(
         if sigma_px
         else ((radius <= outer_px) & (radius >= inner_px)).astype(float)
     )
-    light = light.reshape(side, fine, side, fine).sum(axis=(1, 3))
-    return light / light.sum()
+    coarse: np.ndarray = light.reshape(side, fine, side, fine).sum(axis=(1, 3))
+    return coarse / float(coarse.sum())
 
 
 @pytest.mark.parametrize("sigma_px", [0.8, 1.2, 2.0, 3.0])
@@ -137,7 +137,7 @@ def test_astap_measures_the_same_stars(tmp_path: Path, fwhm_px: float, center: I
     subprocess.run(["astap_cli", "-f", str(path), "-extract", "30"], check=True, capture_output=True)
     theirs = np.loadtxt(tmp_path / "frame.csv", delimiter=",", skiprows=1, usecols=range(5))
     ours = measure_hfd(frame)
-    apart, which = KDTree(np.column_stack((ours.x_px, ours.y_px))).query(theirs[:, :2] - 1.0)
+    apart, which = nearest(np.column_stack((ours.x_px, ours.y_px)), theirs[:, :2] - 1.0)
     same = apart < 1.5
     assert same.mean() > 0.8
     assert np.median(apart[same]) < 0.1

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy.spatial import KDTree
 
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, StarImages
+from tests.measuring.nearest import nearest
 from tests.measuring.painted import Array, as_frame, painted, scattered, spots, star
 
 SIZE = (900, 900)
@@ -60,7 +60,7 @@ def judged() -> tuple[Scene, np.ndarray, np.ndarray]:
         columns = np.rint(x[k] + steps * np.cos(turn[k])).astype(int)
         image[rows, columns] += chance.uniform(2_000.0, 10_000.0)
     found = measure(as_frame(image, top=TOP))
-    distance, index = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[x, y])
+    distance, index = nearest(np.c_[found.x_px, found.y_px], np.c_[x, y])
     return Scene(x, y, cause), found.flags[index], distance
 
 
@@ -117,7 +117,7 @@ def test_stars_on_the_edge_are_told() -> None:
     x = np.r_[along, along, np.full(12, 0.7), np.full(12, 398.5), along]
     y = np.r_[np.full(12, 1.2), np.full(12, 399.0), along, along, np.full(12, 200.0)]
     found = measure(as_frame(painted(x, y, np.full(60, 6e4), fwhm_px=3.0, size=(400, 400), seed=74)))
-    distance, index = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[x, y])
+    distance, index = nearest(np.c_[found.x_px, found.y_px], np.c_[x, y])
     edge = (found.flags[index] & int(Flag.EDGE)) > 0
     assert (distance < 1.5).mean() > 0.95
     assert edge[:48].all()
@@ -137,14 +137,14 @@ def test_hot_pixels_never_pass_for_the_typical_star(count: int) -> None:
     assert found.quality is not None
     assert found.quality.fwhm_px == pytest.approx(2.8, rel=0.05)
     assert found.quality.images is StarImages.WELL_SAMPLED
-    distance, nearest = KDTree(np.column_stack((found.x_px, found.y_px))).query(np.column_stack((x, y)))
+    distance, index = nearest(np.column_stack((found.x_px, found.y_px)), np.column_stack((x, y)))
     pixels = np.column_stack((columns, rows))
-    unhit = KDTree(pixels).query(np.column_stack((x, y)))[0] > 6.0
+    unhit = nearest(pixels, np.column_stack((x, y)))[0] > 6.0
     assert unhit.sum() > 30
     assert (distance[unhit] < 0.2).mean() > 0.97
-    assert ((found.flags[nearest[unhit]] & int(Flag.NO_PEAK)) == 0).mean() > 0.97
-    hot_distance, hot = KDTree(np.column_stack((found.x_px, found.y_px))).query(pixels)
-    away = KDTree(np.column_stack((x, y))).query(pixels)[0] > 8.0
+    assert ((found.flags[index[unhit]] & int(Flag.NO_PEAK)) == 0).mean() > 0.97
+    hot_distance, hot = nearest(np.column_stack((found.x_px, found.y_px)), pixels)
+    away = nearest(np.column_stack((x, y)), pixels)[0] > 8.0
     listed = away & (hot_distance < 0.7)
     assert listed.sum() > 50
     assert ((found.flags[hot[listed]] & int(Flag.NO_PEAK)) > 0).mean() > 0.99

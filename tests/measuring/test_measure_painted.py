@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import KDTree
 
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.settings import MeasuringSettings
+from tests.measuring.nearest import nearest
 from tests.measuring.painted import Array, as_frame, painted, scattered
 from tests.short_part import one_in
 
 
-def nearest(found: Measurements, x: float, y: float) -> int:
+def source_at(found: Measurements, x: float, y: float) -> int:
     distance = np.hypot(found.x_px - x, found.y_px - y)
     assert distance.min() < 3.0, f"nothing measured near ({x}, {y})"
     return int(distance.argmin())
@@ -37,7 +37,7 @@ def test_centroids_come_near_the_cramer_rao_bound(fwhm_px: float, electrons: flo
     size = (600, 600)
     x, y = scattered(100, size, seed=3)
     found = measure(as_frame(painted(x, y, np.full(100, electrons), fwhm_px=fwhm_px, size=size, seed=4)))
-    distance, index = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[x, y])
+    distance, index = nearest(np.c_[found.x_px, found.y_px], np.c_[x, y])
     matched = distance < 2.0
     assert matched.mean() > 0.97
     errors = np.r_[(found.x_px[index] - x)[matched], (found.y_px[index] - y)[matched]]
@@ -71,17 +71,17 @@ def test_the_flags_say_what_is_no_clean_star() -> None:
     image[np.clip(np.rint(150 + 0.3 * ramp).astype(int), 0, 399), ramp] += 800.0
     image[np.clip(np.rint(151 + 0.3 * ramp).astype(int), 0, 399), ramp] += 800.0  # a satellite
     found = measure(as_frame(image, top=40_000.0))
-    star = nearest(found, 100.0, 350.0)
+    star = source_at(found, 100.0, 350.0)
     assert found.flags[star] & Flag.SATURATED
     assert np.hypot(found.x_px[star] - 100.0, found.y_px[star] - 350.0) < 0.02
-    assert found.flags[nearest(found, 0.5, 200.0)] & Flag.EDGE
-    assert found.flags[nearest(found, 222.0, 333.0)] & Flag.NO_PEAK
-    assert found.flags[nearest(found, 303.0, 61.5)] & (Flag.NO_PEAK | Flag.ELONGATED)
+    assert found.flags[source_at(found, 0.5, 200.0)] & Flag.EDGE
+    assert found.flags[source_at(found, 222.0, 333.0)] & Flag.NO_PEAK
+    assert found.flags[source_at(found, 303.0, 61.5)] & (Flag.NO_PEAK | Flag.ELONGATED)
     on_trail = np.abs(found.y_px - (150.5 + 0.3 * found.x_px)) < 2.0
     assert on_trail.any()
     assert (found.flags[on_trail] & Flag.TRAIL).all()
     clean = (found.flags == 0) & (found.flux > 4.0 * found.flux_sigma)
-    distance, _ = KDTree(np.c_[x, y]).query(np.c_[found.x_px, found.y_px][clean])
+    distance, _ = nearest(np.c_[x, y], np.c_[found.x_px, found.y_px][clean])
     assert clean.sum() >= 25
     assert (distance < 0.3).all()
 
@@ -96,7 +96,7 @@ def test_the_wings_place_a_saturated_star(electrons: float) -> None:
         far = np.hypot(x - cx, y - cy) > 45.0
         x, y, total = np.r_[cx, x[far]], np.r_[cy, y[far]], np.r_[electrons, np.full(far.sum(), 2e4)]
         found = measure(as_frame(painted(x, y, total, fwhm_px=3.5, seed=seed), top=40_000.0))
-        star = nearest(found, cx, cy)
+        star = source_at(found, cx, cy)
         assert found.flags[star] & Flag.SATURATED
         off = np.array([found.x_px[star] - cx, found.y_px[star] - cy])
         errors.append(off)
@@ -118,7 +118,7 @@ def test_bleeding_charge_is_flagged() -> None:
 def test_undersampled_stars_are_not_taken_for_hot_pixels() -> None:
     x, y = scattered(100, (400, 400), seed=9)
     found = measure(as_frame(painted(x, y, np.full(100, 2e4), fwhm_px=1.2, size=(400, 400))))
-    distance, index = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[x, y])
+    distance, index = nearest(np.c_[found.x_px, found.y_px], np.c_[x, y])
     assert (distance < 0.5).mean() > 0.97
     assert ((found.flags[index] & Flag.NO_PEAK) == 0).mean() > 0.85
 
@@ -127,7 +127,7 @@ def test_undersampled_stars_are_not_taken_for_hot_pixels() -> None:
 def test_defocused_stars_are_found() -> None:
     x, y = scattered(25, (500, 500), seed=10)
     found = measure(as_frame(painted(x, y, np.full(25, 1e5), fwhm_px=12.0, size=(500, 500))))
-    distance, _ = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[x, y])
+    distance, _ = nearest(np.c_[found.x_px, found.y_px], np.c_[x, y])
     assert (distance < 0.3).mean() >= 0.95
     assert np.median(found.fwhm_px) == pytest.approx(12.0, rel=0.1)
 
@@ -141,7 +141,7 @@ def test_a_shifted_frame_shifts_its_centroids(dx: int, dy: int) -> None:
     here, there = measure(as_frame(image)), measure(as_frame(np.roll(image, (dy, dx), axis=(0, 1))))
     bright_here, bright_there = here.flux > 2e4, there.flux > 2e4
     a = np.c_[here.x_px + dx, here.y_px + dy][bright_here]
-    distance, _ = KDTree(np.c_[there.x_px, there.y_px][bright_there]).query(a)
+    distance, _ = nearest(np.c_[there.x_px, there.y_px][bright_there], a)
     assert a.shape[0] == 25
     assert distance.max() < 0.01  # the background mesh doesn't move along
 
@@ -151,7 +151,7 @@ def test_missing_pixels_and_negative_floats_do_no_harm() -> None:
     image = (painted(x, y, np.full(36, 3e4), fwhm_px=2.5) - 130.0) * 1e-3
     image[:30], image[:, -25:] = np.nan, np.nan
     found = measure(Frame(pixels=image.astype(np.float32)))
-    distance, _ = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[x, y])
+    distance, _ = nearest(np.c_[found.x_px, found.y_px], np.c_[x, y])
     assert (distance < 0.1).mean() > 0.95
     assert len(found) < 45
     assert np.isfinite(found.x_sigma_px).all()

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import KDTree
 
 from mountnav.measuring.background import estimate_background
 from mountnav.measuring.detection import smooth
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag
 from mountnav.measuring.trails import Trail, find_line_segments, find_trails
+from tests.measuring.nearest import nearest
 from tests.measuring.painted import as_frame
 from tests.measuring.skies import Array, exposed, field, stamped
 from tests.measuring.spoiling import add_trail
@@ -84,7 +86,7 @@ INSIDE = (200.0, 750.0, 800.0, 300.0)
     ),
 )
 def test_a_trail_is_found(
-    stars: str, ends: tuple[float, ...], height: float, extra: dict[str, object]
+    stars: str, ends: tuple[float, float, float, float], height: float, extra: dict[str, Any]
 ) -> None:
     image = exposed(FLAT, drawn(stars))
     add_trail(image, ends, height * NOISE, **extra)
@@ -171,7 +173,7 @@ def test_spikes_belong_to_their_star() -> None:
     assert np.hypot(found.x_px[star] - 480.0, found.y_px[star] - 430.0) < 2.0
     assert not found.flags[star] & Flag.NO_PEAK
     assert not (found.flags & Flag.TRAIL).any()
-    false = KDTree(np.c_[ALONE[0], ALONE[1]]).query(np.c_[found.x_px, found.y_px])[0] > 2.0
+    false = nearest(np.c_[ALONE[0], ALONE[1]], np.c_[found.x_px, found.y_px])[0] > 2.0
     false[star] = False
     assert (false & (found.flags == 0) & (found.flux > 4.0 * found.flux_sigma)).sum() <= 3
 
@@ -188,19 +190,20 @@ def test_a_trail_spoils_what_it_crosses_and_nothing_else() -> None:
     found = measure(as_frame(image - 500.0))
 
     def off(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return np.abs(y - ends[1] - slope * (x - ends[0])) / np.hypot(1.0, slope)
+        across: np.ndarray = np.abs(y - ends[1] - slope * (x - ends[0])) / math.hypot(1.0, slope)
+        return across
 
     on = off(found.x_px, found.y_px) < 3.0
     assert (found.flags[on] & Flag.TRAIL).all()
     crossed = (off(plain.x_px, plain.y_px) < 1.0) & (plain.flux > 2e4)
     assert crossed.any()
-    tree = KDTree(np.c_[found.x_px, found.y_px])
-    assert (tree.query(np.c_[plain.x_px, plain.y_px][crossed])[0] < 1.5).all()
+    tree = np.c_[found.x_px, found.y_px]
+    assert (nearest(tree, np.c_[plain.x_px, plain.y_px][crossed])[0] < 1.5).all()
     beside = (off(plain.x_px, plain.y_px) > 9.0) & (plain.flux > 3e3) & (plain.flags == 0)
-    distance, index = tree.query(np.c_[plain.x_px, plain.y_px][beside])
+    distance, index = nearest(tree, np.c_[plain.x_px, plain.y_px][beside])
     assert np.percentile(distance, 99) < 0.05
     assert not (found.flags[index] & Flag.TRAIL).any()
-    false = KDTree(np.c_[ALONE[0], ALONE[1]]).query(np.c_[found.x_px, found.y_px])[0] > 2.0
+    false = nearest(np.c_[ALONE[0], ALONE[1]], np.c_[found.x_px, found.y_px])[0] > 2.0
     assert (false & (found.flags == 0)).sum() <= 5
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Collection, Mapping
+from collections.abc import Awaitable, Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
@@ -16,7 +16,7 @@ from mountnav.mount import CheckedMount, FollowingPolicy, SelfActing
 from mountnav.pointing.limits import Limits, Mounting
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors
 from mountnav.simulation.virtual_time import VirtualClock, run_virtually
-from tests.mount.mount_rig import AIR, LIMITS, NIGHT, SITE, Rig, Work
+from tests.mount.mount_rig import AIR, LIMITS, NIGHT, SITE, Rig
 
 SPANS = (RateSpan(0.001, 4.0),)
 
@@ -125,7 +125,7 @@ class FollowingRig(Rig):
 
 
 def run_following(
-    work: Work,
+    work: Callable[[FollowingRig], Awaitable[None]],
     *,
     limits: Limits = LIMITS,
     machine: Machine | None = None,

@@ -47,7 +47,10 @@ T = TypeVar("T")
 def no_pairs() -> IdentifiedPairs:
     none = np.zeros(0)
     whole = np.zeros(0, dtype=np.int64)
-    return IdentifiedPairs(*([none] * 11), flags=whole, used=np.zeros(0, dtype=np.bool_), leverage=none)  # type: ignore[misc]
+    used = np.zeros(0, dtype=np.bool_)
+    return IdentifiedPairs(
+        none, none, none, none, none, none, none, none, none, none, none, whole, used, none
+    )
 
 
 def solution_at(
@@ -142,7 +145,7 @@ class SyncRig:
             "lx200", given.get("dialect", "onstep"), self.mechanics, clock=clock, monotonic=clock.monotonic
         )
         log = WireLog(monotonic=clock.monotonic)
-        self.line = MemoryLine(self.fake, clock, log)  # type: ignore[arg-type]
+        self.line = MemoryLine(self.fake, clock, log)
         self.driver = GenericMount(
             Lx200Language(Link(self.line, Patience(), log)), timing=Timing(), site=SITE
         )

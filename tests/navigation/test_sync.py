@@ -778,20 +778,22 @@ def test_an_undo_is_not_cut_short_by_a_cancel() -> None:
 
 
 def test_an_undo_that_cannot_be_written_down_is_no_undo() -> None:
+    disk = FullDisk()
+
     async def work(rig: SyncRig) -> None:
         await rig.slew(rig.up())
         false = await rig.look(wrong=(2500.0, -1500.0))
 
         def fills_up(name: str) -> None:
             if name == "sync transaction: undo":
-                rig.journal.full = True
+                disk.full = True
 
         with watching_kill_points(fills_up), pytest.raises(UndoFailed, match="no space left"):
             await rig.guard.commit(false, SyncTrigger.CENTERING, look_again=rig.look)
         assert rig.syncs == 1
         assert not rig.mount.trusted
 
-    rigged(work, policy=VERIFYING, journal=FullDisk())
+    rigged(work, policy=VERIFYING, journal=disk)
 
 
 def test_a_sync_taken_for_the_other_posture_is_seen() -> None:
@@ -868,25 +870,27 @@ class FullDisk(MemoryJournal):
 
 
 def test_what_cannot_be_written_down_is_not_sent() -> None:
+    disk = FullDisk()
+
     async def work(rig: SyncRig) -> None:
         found = await pointed(rig)
-        rig.journal.full = True
+        disk.full = True
         with pytest.raises(JournalFailed):
             await rig.guard.commit(found, SyncTrigger.ORDERED)
         assert rig.syncs == 0
-        rig.journal.full = False
+        disk.full = False
 
         # it fills up while the sync is under way: what happened is told, and not hidden by the disk
         def fills_up(name: str) -> None:
             if name == "sync transaction: over":
-                rig.journal.full = True
+                disk.full = True
 
         with watching_kill_points(fills_up):
             await rig.guard.commit(await rig.look(), SyncTrigger.ORDERED)
         assert await rig.off_arcsec() < 3.0
         assert "sync committed" in str(rig.told("journal-failed")[0]["lost"])
 
-    rigged(work, journal=FullDisk())
+    rigged(work, journal=disk)
 
 
 @pytest.mark.long

@@ -65,7 +65,8 @@ def look(
 
 
 def context(**given: Any) -> SyncContext:
-    return SyncContext(**{"now": NOW, "site": SITE, "air": AIR, "resolution_arcsec": 1.0} | given)
+    facts: dict[str, Any] = {"now": NOW, "site": SITE, "air": AIR, "resolution_arcsec": 1.0} | given
+    return SyncContext(**facts)
 
 
 EAST, WEST = {"pier_side": PierSide.EAST}, {"pier_side": PierSide.WEST}

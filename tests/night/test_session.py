@@ -20,6 +20,7 @@ from mountnav.simulation.sky_script import Cloud, SkyScript
 from mountnav.simulation.virtual_time import VirtualClock
 from mountnav.sky.sphere import displaced, separation_arcsec
 from tests.night.conftest import EVENING, RULES, make_night, virtually
+from tests.present import present
 
 
 def test_three_frames_then_one_sync() -> None:
@@ -28,7 +29,7 @@ def test_three_frames_then_one_sync() -> None:
         await rig.navigator.slew(rig.up())
         assert await rig.off_arcsec() > 100.0
         answers = await rig.minutes(8)
-        whys = [one.decision.why for one in answers]
+        whys = [present(one.decision).why for one in answers]
         assert whys == [Why.CALIBRATING] * 3 + [Why.ALONE, Why.OFF] + [Why.NOT_OFF_ENOUGH] * 3
         assert rig.mount.received == ["slew", "sync"]
         assert await rig.off_arcsec() < 5.0
@@ -61,7 +62,7 @@ def test_an_offset_brings_the_field_back_and_a_dither_is_no_error() -> None:
         # the scheduler dithers by a relative move: seen and believed go together
         await rig.navigator.offset(90.0, 0.0)
         answers = await rig.minutes(4)
-        assert {one.decision.why for one in answers[1:]} == {Why.NOT_OFF_ENOUGH}
+        assert {present(one.decision).why for one in answers[1:]} == {Why.NOT_OFF_ENOUGH}
         dithered = displaced(target, 90.0, 0.0)
         assert separation_arcsec(rig.mechanics.truth(clock.utc()), dithered) < 15.0
 
@@ -180,7 +181,7 @@ def test_unsafe_ends_an_offset_on_its_way() -> None:
         assert "stop" in rig.mount.received
         assert rig.navigator.activity == "idle"
         answers = await rig.minutes(3)
-        assert all(one.decision.act is Act.LEAVE for one in answers)
+        assert all(present(one.decision).act is Act.LEAVE for one in answers)
         assert rig.mount.received.count("slew") == 2
         await rig.session.say(Word.SAFE)
         await rig.minutes(3)
@@ -254,10 +255,10 @@ def test_what_is_no_frame_is_answered_and_forgotten() -> None:
 
         rig.session.frames.offer("broken", "b" * 64, unreadable, clock.utc())
         answer = await rig.session.take(await rig.session.frames.next())
-        assert answer.decision.why is Why.NOT_PLACED
+        assert present(answer.decision).why is Why.NOT_PLACED
         assert "cut short" in answer.detail
         timeless = replace(await rig.exposed(), mid_exposure_utc=None)
-        assert (await rig.sent(timeless, name="timeless")).decision.act is Act.LEAVE
+        assert present((await rig.sent(timeless, name="timeless")).decision).act is Act.LEAVE
         header = Frame(np.zeros((1, 1)), mid_exposure_utc=clock.utc())
         answer = await rig.sent(header, name="header", pixels=False)
         assert answer.decision is None
@@ -266,7 +267,7 @@ def test_what_is_no_frame_is_answered_and_forgotten() -> None:
         old = replace(await rig.exposed(), mid_exposure_utc=clock.utc() - timedelta(hours=2))
         answer = await rig.sent(old, name="old")
         assert answer.offset is None
-        assert answer.decision.act is Act.LEAVE
+        assert present(answer.decision).act is Act.LEAVE
 
     virtually(night)
 
@@ -291,7 +292,7 @@ def test_what_leaves_no_trace_is_not_done() -> None:
         await rig.navigator.slew(rig.up())
         answers = await rig.minutes(8)
         assert rig.mount.received == ["slew"]
-        assert all(one.decision.act is Act.LEAVE for one in answers)
+        assert all(present(one.decision).act is Act.LEAVE for one in answers)
 
     virtually(night)
 
@@ -311,7 +312,7 @@ def test_half_an_hour_of_drift_is_held_within_the_rule(by: str) -> None:
         assert all(one.outcome.startswith("correction done") for one in corrected)
         assert 2 <= len(corrected) <= 6
         if by == "sync":
-            assert max(one.offset.total_arcsec for one in later) < 200.0
+            assert max(present(one.offset).total_arcsec for one in later) < 200.0
         assert len(rig.session.state.used) == len(corrected)
 
     virtually(night)

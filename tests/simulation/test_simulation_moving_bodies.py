@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import numpy as np
 import pytest
 
 from mountnav.catalog.embedded import embedded_catalog
+from mountnav.catalog.stars import Stars
 from mountnav.errors import BadSettings
-from mountnav.frames import Hint
+from mountnav.frames import Frame, Hint
 from mountnav.measuring.measurements import StarImages
 from mountnav.navigation.rates_seen import trail_of
 from mountnav.simulation.optics import SimulatedOptics
@@ -29,15 +32,17 @@ FAINT = replace(OPTICS, width_px=300, height_px=200)
 class NoStars:
     """A catalog of nothing."""
 
-    def cone(self, *args: object, **given: object) -> object:
+    name = "nothing"
+
+    def cone(self, *args: Any, **given: Any) -> Stars:
         return replace_stars()
 
 
-def replace_stars() -> object:
+def replace_stars() -> Stars:
     return embedded_catalog().cone(Icrs(0.0, 89.0), 1e-6, epoch_yr=2026.0)
 
 
-def moving(east: float, north: float):  # type: ignore[no-untyped-def]
+def moving(east: float, north: float) -> Callable[[datetime], Icrs]:
     """A path through the center at these rates, arcsec per second."""
 
     def path(utc: datetime) -> Icrs:
@@ -61,7 +66,7 @@ def spread(pixels: np.ndarray) -> tuple[float, float, float]:
     )
 
 
-def drawn(**given):  # type: ignore[no-untyped-def]
+def drawn(**given: Any) -> Frame:
     return draw_frame(CENTER, FAINT, NoStars(), exposure_s=10.0, mid_exposure_utc=MID, seed=1, **given)
 
 
@@ -88,7 +93,7 @@ def test_a_body_that_is_followed_is_round_and_in_the_middle() -> None:
 
 
 def test_a_tube_that_stands_among_the_stars_draws_the_same_frame_as_before() -> None:
-    given = {"exposure_s": 1.0, "mid_exposure_utc": MID, "seed": 3}
+    given: dict[str, Any] = {"exposure_s": 1.0, "mid_exposure_utc": MID, "seed": 3}
     plain = draw_frame(CENTER, OPTICS, embedded_catalog(), **given)
     tube = draw_frame(CENTER, OPTICS, embedded_catalog(), tube=lambda _: CENTER, **given)
     assert np.array_equal(plain.pixels, tube.pixels)

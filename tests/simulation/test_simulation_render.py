@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,8 +43,25 @@ class MemoryCatalog:
         order = np.argsort(self.mag)
         ra = self.ra_deg + self.pm_ra * years / np.cos(np.radians(self.dec_deg))
         dec = self.dec_deg + self.pm_dec * years
-        columns = (ra, dec, np.full(ra.size, 0.01), self.mag, self.pm_ra, self.pm_dec)
-        return Stars(*(column[order] for column in columns), epoch_yr, "V", self.name)
+        return Stars(
+            ra[order],
+            dec[order],
+            np.full(ra.size, 0.01),
+            self.mag[order],
+            self.pm_ra[order],
+            self.pm_dec[order],
+            epoch_yr,
+            "V",
+            self.name,
+        )
+
+
+def one_star(place: Icrs, mag: float) -> MemoryCatalog:
+    still = np.zeros(1)
+    return MemoryCatalog(np.array([place.ra_deg]), np.array([place.dec_deg]), np.array([mag]), still, still)
+
+
+NOTHING = MemoryCatalog(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 def catalog_round(center: Icrs, *, n: int = 25, spread_deg: float = 0.6, pm: float = 0.0) -> MemoryCatalog:
@@ -60,7 +78,7 @@ def catalog_round(center: Icrs, *, n: int = 25, spread_deg: float = 0.6, pm: flo
 
 
 def drawn(optics: SimulatedOptics, catalog: MemoryCatalog, center: Icrs = CENTER, **changes) -> Frame:
-    settings = {"exposure_s": 2.0, "mid_exposure_utc": WHEN, "seed": 5} | changes
+    settings: dict[str, Any] = {"exposure_s": 2.0, "mid_exposure_utc": WHEN, "seed": 5} | changes
     return draw_frame(center, optics, catalog, **settings)
 
 
@@ -80,8 +98,8 @@ def wcs_of(center: Icrs, optics: SimulatedOptics) -> WCS:
 def centroid(frame: Frame, x: float, y: float, reach: int = 8) -> tuple[float, float]:
     column, row = round(x), round(y)
     rows, columns = np.mgrid[row - reach : row + reach + 1, column - reach : column + reach + 1]
-    stamp = frame.pixels[rows, columns].astype(float)
-    stamp -= np.median(frame.pixels)
+    pixels = frame.pixels.astype(float)
+    stamp = pixels[rows, columns] - np.median(pixels)
     weight = np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 8.0)
     for _ in range(30):  # weighted centroid, moved until it stands
         total = (stamp * weight).sum()
@@ -109,7 +127,7 @@ def test_stars_fall_where_astropy_puts_them(parity: int, rotation_deg: float) ->
 
 def test_with_north_up_east_is_left_and_row_0_is_the_bottom() -> None:
     for place, brighter in ((Icrs(CENTER.ra_deg, CENTER.dec_deg + 0.2), "top"), (Icrs(211.5, 54.2), "left")):
-        star = MemoryCatalog(*(np.array([v]) for v in (place.ra_deg, place.dec_deg, 8.0, 0.0, 0.0)))
+        star = one_star(place, 8.0)
         row, column = np.unravel_index(drawn(SMALL, star).pixels.argmax(), (480, 640))
         assert row > 300 if brighter == "top" else column < 280
 
@@ -143,7 +161,8 @@ def test_distortion_is_cubic_and_radial() -> None:
 def test_across_ra_zero_and_round_the_pole() -> None:
     for center in (Icrs(0.01, 5.0), Icrs(100.0, 89.9), Icrs(10.0, -89.95)):
         catalog = MemoryCatalog(
-            *(np.array(v) for v in ([359.9, 0.1, 190.0], [5.1, center.dec_deg, center.dec_deg])),
+            np.array([359.9, 0.1, 190.0]),
+            np.array([5.1, center.dec_deg, center.dec_deg]),
             mag=np.full(3, 8.0),
             pm_ra=np.zeros(3),
             pm_dec=np.zeros(3),
@@ -154,7 +173,7 @@ def test_across_ra_zero_and_round_the_pole() -> None:
 
 
 def test_flux_sky_noise_and_saturation() -> None:
-    star = MemoryCatalog(*(np.array([v]) for v in (CENTER.ra_deg, CENTER.dec_deg, 9.0, 0.0, 0.0)))
+    star = one_star(CENTER, 9.0)
     frame = drawn(SMALL, star, exposure_s=4.0)
     light = frame.pixels.astype(float)
     sky = SMALL.bias_adu + 4.0 * SMALL.sky_adu_s
@@ -178,7 +197,7 @@ def test_same_seed_same_frame() -> None:
 
 
 def test_an_empty_sky_is_drawn() -> None:
-    nothing = MemoryCatalog(*(np.zeros(0) for _ in range(5)))
+    nothing = NOTHING
     assert drawn(SMALL, nothing).pixels.std() < 10.0
 
 
@@ -192,7 +211,7 @@ def test_faint_stars_keep_their_places() -> None:
     assert all(both)
     assert mag.min() >= 12.0
     assert mag.max() <= 16.0
-    nothing = MemoryCatalog(*(np.zeros(0) for _ in range(5)))
+    nothing = NOTHING
     with_faint = drawn(replace(SMALL, faint_stars_deg2=200.0), nothing, exposure_s=20.0)
     assert with_faint.pixels.max() > drawn(SMALL, nothing, exposure_s=20.0).pixels.max() + 100
 

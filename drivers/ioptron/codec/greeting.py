@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.ioptron.codec import v2, values
-from drivers.ioptron.codec.command_set import CommandSet
+from drivers.ioptron.codec.dialect import CommandSet
 from drivers.ioptron.codec.frames import signed_text
 from drivers.ioptron.codec.v2 import V2
 from drivers.ioptron.codec.v3 import V3

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime, timedelta
 
-from drivers.ioptron.codec.command_set import CommandSet, Heading
+from drivers.ioptron.codec.dialect import CommandSet, Heading
 from drivers.ioptron.codec.frames import nothing, order, signed_text
 from drivers.ioptron.codec.v3 import set_dec, set_hemisphere, set_offset, set_summer_time
 from drivers.ioptron.codec.values import (

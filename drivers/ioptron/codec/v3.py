@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from drivers.ioptron.codec.command_set import CommandSet, Heading
+from drivers.ioptron.codec.dialect import CommandSet, Heading
 from drivers.ioptron.codec.frames import model, nothing, order, signed_text, text
 from drivers.ioptron.codec.values import (
     STEP_ARCSEC,

@@ -23,7 +23,7 @@ from drivers.lx200.codec import base
 from drivers.lx200.codec.angles import dec_to_text, ra_to_text
 from drivers.lx200.codec.base import Answer, of_text, quiet, text
 from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Pointing, State
-from drivers.lx200.codec.moving import MotionKeys
+from drivers.lx200.codec.rates import MotionKeys
 from drivers.lx200.codec.site_and_time import Writing, read_clock, read_site
 from drivers.wire.command import Command, Read, Unreadable
 from mountnav.devices import Direction, PierSide, TrackingRate

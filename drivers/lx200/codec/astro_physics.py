@@ -15,7 +15,7 @@ from drivers.lx200.codec.angles import dec_to_text, ra_to_text
 from drivers.lx200.codec.base import Answer, of_text, words_but_no_place
 from drivers.lx200.codec.dialect import Ask, Dialect, Lacks, State
 from drivers.lx200.codec.meade import BASIC
-from drivers.lx200.codec.moving import OffsetWords
+from drivers.lx200.codec.rates import OffsetWords
 from drivers.lx200.codec.site_and_time import Writing, read_clock, read_site
 from drivers.wire.command import Command, Unreadable
 from mountnav.devices import Direction, OffsetRates, PierSide, TrackingRate

@@ -13,7 +13,7 @@ from typing import Protocol, TypeVar
 
 from drivers.lx200.codec.angles import WireAngle
 from drivers.lx200.codec.base import Answer
-from drivers.lx200.codec.moving import MotionKeys, OffsetWords
+from drivers.lx200.codec.rates import MotionKeys, OffsetWords
 from drivers.wire.command import Command
 from mountnav.devices import Direction, Epoch, PierSide, Skill, TrackingRate
 from mountnav.sky.coordinates import Site

@@ -30,7 +30,7 @@ from drivers.lx200.codec.angles import (
 from drivers.lx200.codec.base import Answer, coded, nothing, of_text, text, words_but_no_place, yes_or_no
 from drivers.lx200.codec.dialect import Ask, Dialect, Handshake, Lacks, Order, Pointing, State
 from drivers.lx200.codec.meade import BASIC
-from drivers.lx200.codec.moving import MotionKeys, OffsetWords
+from drivers.lx200.codec.rates import MotionKeys, OffsetWords
 from drivers.lx200.codec.site_and_time import Writing, read_clock, read_site
 from drivers.wire.command import Command, Read, Unreadable
 from mountnav.devices import Direction, OffsetRates, PierSide, TrackingRate

@@ -1,13 +1,13 @@
 """The NexStar words: each command's bytes together with the reader of its reply. No wire, no clock.
 
 The same letters serve Celestron's hand controls and Sky-Watcher's SynScan; where the two differ the meaning
-stands in `handsets`, the forms of the answers in `replies`.
+stands in `dialect`, the forms of the answers in `replies`.
 """
 
 from __future__ import annotations
 
 from drivers.nexstar.codec import replies
-from drivers.nexstar.codec.handsets import Handset, Tracking, Version
+from drivers.nexstar.codec.dialect import Handset, Tracking, Version
 from drivers.nexstar.codec.passthrough import (
     Axis,
     Order,

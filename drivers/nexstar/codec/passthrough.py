@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from drivers.nexstar.codec.handsets import Tracking
+from drivers.nexstar.codec.dialect import Tracking
 from drivers.wire.command import Unreadable
 from mountnav.devices import Direction, PierSide
 

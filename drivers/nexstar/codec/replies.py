@@ -22,7 +22,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from drivers.nexstar.codec.handsets import Handset, Tracking, Version
+from drivers.nexstar.codec.dialect import Handset, Tracking, Version
 from drivers.wire.command import Read, Unreadable
 
 LONG_STEP_ARCSEC = 1296000.0 / 2**24

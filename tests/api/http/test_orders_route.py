@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import httpx
 import pytest
 
@@ -10,9 +12,9 @@ from tests.api.conftest import Serve
 EAST = "/v1/telescopes/east"
 
 
-async def _ended(client: httpx.AsyncClient, answer: httpx.Response) -> dict[str, object]:
+async def _ended(client: httpx.AsyncClient, answer: httpx.Response) -> dict[str, Any]:
     assert answer.status_code == 202, answer.text
-    job: dict[str, object] = (await client.get(answer.headers["location"], params={"wait": 60})).json()
+    job: dict[str, Any] = (await client.get(answer.headers["location"], params={"wait": 60})).json()
     assert job["finished_utc"], job
     return job
 

@@ -8,6 +8,7 @@ import os
 import re
 import signal
 from pathlib import Path
+from typing import Any
 
 import httpx
 import numpy as np
@@ -197,10 +198,10 @@ async def test_a_lost_mount_is_found_blind_and_recovered(made_up_sky: PackedStor
         httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=90) as client,
     ):
 
-        async def ordered(order: str, **body: object) -> dict[str, object]:
+        async def ordered(order: str, **body: object) -> dict[str, Any]:
             started = await client.post(f"/v1/telescopes/east/{order}", json=body or None)
             assert started.status_code == 202, started.text
-            found: dict[str, object] = (
+            found: dict[str, Any] = (
                 await client.get(started.headers["location"], params={"wait": 80})
             ).json()
             return found

@@ -35,7 +35,7 @@ from mountnav.catalog.doctor.diagnosis import (
     diagnose,
     reach_of,
 )
-from mountnav.catalog.doctor.obtainable import in_size, obtainable_catalogs
+from mountnav.catalog.doctor.obtainable import ObtainableCatalog, in_size, obtainable_catalogs
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.packed.error_classes import error_curve
@@ -44,6 +44,7 @@ from mountnav.catalog.readers import CATALOGS
 from mountnav.catalog.star_counts import density_deg2, galactic
 from mountnav.catalog.stars import Stars
 from mountnav.sky.coordinates import Icrs
+from tests.present import present
 from tests.short_part import one_in
 
 EPOCH = 2026.9
@@ -275,7 +276,8 @@ def test_a_narrow_field_is_told_which_catalog_and_how() -> None:
         assert one.fails_share < 0.01
         # nothing that would do is smaller, and nothing as small is finer
         assert any(
-            one.known.command in text and in_size(one.known.download_gb) in text for text in found.advice
+            present(one.known).command in text and in_size(present(one.known).download_gb) in text
+            for text in found.advice
         )
     assert any("--dec-range -90 49" in text for text in found.advice)
 
@@ -322,7 +324,7 @@ def north(tmp_path: Path) -> PackedStore:
     """A deep catalog of the sky north of the equator, even: 20 stars per square degree."""
     rng = np.random.default_rng(1)
     count = 412_530
-    e, epoch = np.full(count, 30.0, np.float32), np.full(count, 2016.0, np.float32)
+    e, epoch = np.full(count, 30.0), np.full(count, 2016.0)
     still = np.zeros(count)
     columns = CatalogColumns(
         rng.uniform(0, 360, count),
@@ -383,7 +385,7 @@ def test_advice_at_night_follows_the_place() -> None:
 
 
 @pytest.mark.parametrize("known", obtainable_catalogs(), ids=lambda one: one.name)
-def test_what_can_be_had_is_consistent(known) -> None:  # type: ignore[no-untyped-def]
+def test_what_can_be_had_is_consistent(known: ObtainableCatalog) -> None:
     assert known.kind in CATALOGS
     assert known.command.startswith(f"mountnav catalog import {known.kind} ")
     assert known.terms

@@ -10,6 +10,7 @@ import threading
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,8 +32,8 @@ CONE = {"protocol": "cone", "table": ""}
 KINDS = pytest.mark.parametrize("kind", [{}, TAP, CONE], ids=["vizier", "tap", "cone"])
 
 
-def online(server: StarServer, cache: Path, **given: object) -> OnlineCatalog:
-    facts = {"table": "I/259", "url": server.url, "timeout_s": 60.0} | given
+def online(server: StarServer, cache: Path, **given: Any) -> OnlineCatalog:
+    facts: dict[str, Any] = {"table": "I/259", "url": server.url, "timeout_s": 60.0} | given
     return OnlineCatalog(OnlineSource("tycho", **facts), cache, behind=embedded_catalog())
 
 
@@ -203,7 +204,7 @@ def test_damaged_tiles_are_noticed_and_fetched_again(
         content[len(content) * 4 // 5] ^= 0x80
     path.unlink()
     if harm != "remove":
-        path.write_bytes({"flip": content, "cut": content[:-7], "empty": b""}[harm])
+        path.write_bytes({"flip": bytes(content), "cut": bytes(content[:-7]), "empty": b""}[harm])
     server.asked.clear()
     stars = online(server, tmp_path).cone(place, 0.3, epoch_yr=2026.9)
     assert stars.ra_deg.tolist() == truth.ra_deg.tolist()

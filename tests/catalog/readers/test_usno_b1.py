@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from mountnav.catalog.readers.usno_b1.record import RECORD, decoded
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog
 from tests.catalog.readers.usno_b1_files import NOT_SEEN, PLAIN, SEEN, accelerator, record, write_zone
+from tests.present import present
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +46,11 @@ def unit_vectors(columns: CatalogColumns) -> np.ndarray:
 
 # ---- real stars
 
+Matched = tuple[CatalogColumns, CatalogColumns, np.ndarray, np.ndarray]
+
 
 @pytest.fixture(scope="module")
-def matched(zone_0: Path, shared: Path) -> tuple[CatalogColumns, CatalogColumns, np.ndarray, np.ndarray]:
+def matched(zone_0: Path, shared: Path) -> Matched:
     """Both catalogs, and the pairs of UCAC4 and USNO-B1.0 stars within 2 arcsec."""
     here = read_one(zone_0)
     reader = open_ucac4(shared / "data" / "catalogs" / "z001")
@@ -57,19 +61,19 @@ def matched(zone_0: Path, shared: Path) -> tuple[CatalogColumns, CatalogColumns,
     return there, here, pairs, nearest[pairs]
 
 
-def test_the_stars_are_those_of_ucac4(matched: tuple) -> None:
+def test_the_stars_are_those_of_ucac4(matched: Matched) -> None:
     there, here, ours, theirs = matched
     assert here.ra_deg.size == 322
     inside = there.dec_deg < here.dec_deg.max()
     assert inside.sum() == 48
     assert inside[ours].sum() == 44
-    good = (there.flags[ours] & int(StarFlag.OTHER_BAND | StarFlag.NO_MAGNITUDE)) == 0
+    good = (present(there.flags)[ours] & int(StarFlag.OTHER_BAND | StarFlag.NO_MAGNITUDE)) == 0
     left = (there.mag[ours] - here.mag[theirs])[good]
     assert np.median(left) == pytest.approx(0.29, abs=0.03)
     assert 1.4826 * np.median(np.abs(left - np.median(left))) < 0.2
 
 
-def test_stated_errors_cover_the_distance_to_ucac4(matched: tuple) -> None:
+def test_stated_errors_cover_the_distance_to_ucac4(matched: Matched) -> None:
     there, here, ours, theirs = matched
     known = np.isfinite(there.pm_dec_mas_yr[ours])
     north = ((there.dec_deg[ours] - here.dec_deg[theirs]) * 3.6e6)[known]
@@ -78,16 +82,16 @@ def test_stated_errors_cover_the_distance_to_ucac4(matched: tuple) -> None:
     assert 0.7 < 1.4826 * np.median(np.abs(pull - np.median(pull))) < 1.3
 
 
-def test_few_real_stars_are_taken_for_galaxies(matched: tuple) -> None:
+def test_few_real_stars_are_taken_for_galaxies(matched: Matched) -> None:
     _, here, _, theirs = matched
-    assert ((here.flags[theirs] & int(StarFlag.EXTENDED)) > 0).sum() <= 2
+    assert ((present(here.flags)[theirs] & int(StarFlag.EXTENDED)) > 0).sum() <= 2
 
 
 def test_stars_without_motion(zone_0: Path) -> None:
     columns = read_one(zone_0)
     still = np.isnan(columns.pm_dec_mas_yr)
     assert still.sum() == 177
-    assert np.array_equal(still, (columns.flags & int(StarFlag.NO_PROPER_MOTION)) > 0)
+    assert np.array_equal(still, (present(columns.flags) & int(StarFlag.NO_PROPER_MOTION)) > 0)
     c0, c1, c2 = columns.error_curve.T
     sigma_mas = np.sqrt(c0 + c1 * 27.0 + c2 * 27.0**2)
     assert sigma_mas[still].min() > 400
@@ -136,7 +140,7 @@ seen_star = st.tuples(star, st.tuples(*[observation] * 5))
 @pytest.mark.long
 @settings(deadline=None, max_examples=60)
 @given(st.lists(seen_star, min_size=1, max_size=5))
-def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, stars: list) -> None:
+def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, stars: list[Any]) -> None:
     stars = sorted(stars, key=lambda one: one[0]["ra"])
     path = write_zone(tmp_path_factory.mktemp("any"), 1500, [record(*one) for one in stars])
     columns, full = read_one(path), decoded(np.fromfile(path, dtype=RECORD))
@@ -151,13 +155,13 @@ def test_what_is_written_is_read_back(tmp_path_factory: pytest.TempPathFactory, 
             for place, motion in (("u", "x"), ("v", "y"))
         )
         assert columns.error_curve[n] @ [1.0, 20.0, 400.0] == pytest.approx(0.5 * variance, rel=1e-9)
-        assert bool(columns.flags[n] & StarFlag.DOUBTFUL) == bool(s["j"])
+        assert bool(present(columns.flags)[n] & StarFlag.DOUBTFUL) == bool(s["j"])
         m = [0.01 * one["m"] if one["F"] else math.nan for one in seen]
         red = m[3] if seen[3]["F"] else m[1]
         if not math.isnan(red):
             assert columns.mag[n] == pytest.approx(red)
-            assert not columns.flags[n] & int(StarFlag.NO_MAGNITUDE | StarFlag.OTHER_BAND)
-        assert math.isnan(columns.color_mag[n]) == (
+            assert not present(columns.flags)[n] & int(StarFlag.NO_MAGNITUDE | StarFlag.OTHER_BAND)
+        assert math.isnan(present(columns.color_mag)[n]) == (
             math.isnan(red) or (math.isnan(m[0]) and math.isnan(m[2]))
         )
         told = (full.pm_probability[n], full.sigma_fit_ra_mas[n], full.sigma_fit_dec_mas[n])
@@ -195,10 +199,10 @@ def test_magnitudes_and_colors(tmp_path: Path) -> None:
         record({}, (NOT_SEEN,) * 5),
     )
     assert columns.mag == pytest.approx([15.0, 15.0, 15.1, 15.6, 15.0, 21.0])
-    assert columns.color_mag[:3] == pytest.approx([1.5, 2.0, 1.9])
-    assert np.isnan(columns.color_mag[3:]).all()
+    assert present(columns.color_mag)[:3] == pytest.approx([1.5, 2.0, 1.9])
+    assert np.isnan(present(columns.color_mag)[3:]).all()
     other, none = int(StarFlag.OTHER_BAND), int(StarFlag.NO_MAGNITUDE)
-    assert columns.flags.tolist() == [0, 0, 0, other, other, none]
+    assert present(columns.flags).tolist() == [0, 0, 0, other, other, none]
 
 
 @pytest.mark.parametrize(
@@ -213,7 +217,7 @@ def test_magnitudes_and_colors(tmp_path: Path) -> None:
 )
 def test_galaxies(tmp_path: Path, estimates: tuple[int, ...], extended: bool) -> None:
     columns = columns_of(tmp_path, record({}, [{**SEEN, "G": g} for g in estimates]))
-    assert bool(columns.flags[0] & StarFlag.EXTENDED) == extended
+    assert bool(present(columns.flags)[0] & StarFlag.EXTENDED) == extended
 
 
 def test_tycho_stars_and_rejects_are_left_out_and_counted(tmp_path: Path) -> None:
@@ -330,7 +334,7 @@ def test_zones_are_found_where_they_lie(tmp_path: Path, zone_0: Path) -> None:
 
 def test_the_plain_star_is_plain(tmp_path: Path) -> None:
     columns = columns_of(tmp_path, record({}))
-    assert columns.flags.tolist() == [0]
+    assert present(columns.flags).tolist() == [0]
     assert columns.ra_deg[0] == pytest.approx(PLAIN["ra"] / 360_000)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from drivers.fakes.bench import FakeOnPty, FakeOnTcp
-from drivers.nexstar.codec.handsets import Handset, Version
+from drivers.nexstar.codec.dialect import Handset, Version
 from drivers.nexstar.codec.replies import pair_from_text
 from drivers.nexstar.fake import SYNC_REACH_DEG, FakeNexstar
 from mountnav.clock import utc_now

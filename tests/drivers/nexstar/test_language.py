@@ -15,7 +15,7 @@ from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.nexstar.codec import base
-from drivers.nexstar.codec.handsets import Handset, Version
+from drivers.nexstar.codec.dialect import Handset, Version
 from drivers.nexstar.codec.passthrough import Axis
 from drivers.nexstar.fake import FakeNexstar
 from drivers.nexstar.family import NEXSTAR, SYNSCAN

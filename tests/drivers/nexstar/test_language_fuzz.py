@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.nexstar.codec import base, site_and_time
-from drivers.nexstar.codec.handsets import Handset, Version
+from drivers.nexstar.codec.dialect import Handset, Version
 from drivers.nexstar.codec.passthrough import Axis
 from drivers.nexstar.codec.replies import ECHOES, pair_to_text
 from drivers.nexstar.codec.site_and_time import WireSite

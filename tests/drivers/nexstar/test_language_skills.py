@@ -15,7 +15,7 @@ from drivers import registry
 from drivers.fakes.bench import FakeOnPty
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
-from drivers.nexstar.codec.handsets import STARSENSE, Handset, Tracking, Version
+from drivers.nexstar.codec.dialect import STARSENSE, Handset, Tracking, Version
 from drivers.nexstar.fake import AVX, CELESTRON_FAKES, FakeNexstar, make_fake
 from drivers.nexstar.parking import Horizon
 from drivers.wire.exchange import Patience

@@ -14,7 +14,7 @@ from drivers.fakes.bench import FakeOnPty, FakeOnTcp
 from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
-from drivers.nexstar.codec.handsets import Handset, Version
+from drivers.nexstar.codec.dialect import Handset, Version
 from drivers.nexstar.fake import SYNC_REACH_DEG, SYNSCAN_FAKES, FakeNexstar, make_fake
 from drivers.nexstar.parking import Horizon
 from drivers.wire.exchange import Patience

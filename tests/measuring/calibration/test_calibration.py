@@ -31,6 +31,10 @@ FRAMES = 9
 SKY_E = 600.0
 
 
+def median(frame: Frame) -> float:
+    return float(np.median(frame.pixels.astype(float)))
+
+
 def bias_cards(**more: object) -> dict[str, object]:
     return SETTINGS | {"IMAGETYP": "Bias Frame", "EXPTIME": 0.0} | more
 
@@ -167,7 +171,7 @@ def test_a_calibrated_frame_is_even_and_as_quiet_as_its_photons(
         / camera.gain_e_adu
         / (camera.response / np.median(camera.response))
     )
-    assert np.std(((frame.pixels - signal) / limit)[quiet]) < 1.05
+    assert np.std(((np.asarray(frame.pixels, float) - signal) / limit)[quiet]) < 1.05
 
 
 @pytest.mark.long
@@ -202,7 +206,7 @@ def test_saturated_pixels_stay_saturated_and_no_others_become_so(
     assert before.sum() > 10
     frame, _ = calibration.applied(scene.raw)
     assert frame.saturation_adu is not None
-    after = frame.pixels >= 0.995 * frame.saturation_adu
+    after = np.asarray(frame.pixels, float) >= 0.995 * frame.saturation_adu
     assert (after == before).all()
     nearest, is_found, _, seen = found(frame, scene)
     flagged = (seen.flags[nearest] & Flag.SATURATED) > 0  # type: ignore[attr-defined]
@@ -234,12 +238,14 @@ def test_a_pedestal_left_by_another_program_is_no_light(
 ) -> None:
     once, _ = calibration.applied(replace(scene.raw, header={**scene.raw.header, "FILTER": "other"}))
     cards = {**scene.raw.header, "CALSTAT": "BD", "PEDESTAL": pedestal}
-    lifted = replace(scene.raw, pixels=np.rint(once.pixels + 100.0).astype(np.int32), header=cards)
+    lifted = replace(
+        scene.raw, pixels=np.rint(np.asarray(once.pixels, float) + 100.0).astype(np.int32), header=cards
+    )
     frame, report = calibration.applied(lifted)
     assert report.steps == "F"
     assert report.zero_adu == 0.0
     direct, _ = calibration.applied(scene.raw)
-    assert np.median(frame.pixels) == pytest.approx(np.median(direct.pixels), abs=1.0)
+    assert median(frame) == pytest.approx(np.median(direct.pixels.astype(float)), abs=1.0)
     untouched = calibration.applied(replace(lifted, header={**cards, "CALSTAT": "BDF"}))[1]
     assert untouched.zero_adu == 100.0
 
@@ -335,7 +341,7 @@ def test_dark_that_holds_the_bias_serves_its_own_exposure_only(
     frame, done = calibration.applied(Frame(pixels=pixels, header=dict(light_cards(60.0)), exposure_s=60.0))  # type: ignore[arg-type]
     assert done.dark is not None
     assert done.zero_adu == 0.0
-    assert np.median(frame.pixels) == pytest.approx(SKY_E * np.median(camera.response) / 1.6, rel=0.02)
+    assert median(frame) == pytest.approx(SKY_E * np.median(camera.response) / 1.6, rel=0.02)
     done = calibration.applied(Frame(pixels=pixels, header=dict(light_cards(120.0))))[1]  # type: ignore[arg-type]
     assert done.dark is None
     assert any("its own exposure" in line for line in done.not_applied)
@@ -475,7 +481,8 @@ def test_a_dark_is_scaled_in_proportion_to_the_exposure(
         frame, report = policy.applied(Frame(pixels=pixels, header=dict(header)))  # type: ignore[arg-type]
         assert report.steps == "BD"
         bias = master(calibration, Kind.BIAS).pixels().astype(float)
-        return 20000.0 - bias - frame.pixels.astype(float)
+        left: np.ndarray = 20000.0 - bias - frame.pixels.astype(float)
+        return left
 
     one, more = subtracted(exposure_s), subtracted(factor * exposure_s)
     np.testing.assert_allclose(more, factor * one, rtol=1e-4, atol=0.02 * (1.0 + factor))
@@ -641,9 +648,9 @@ class TestRefusals:
     def test_flats(self, folder: Path, camera: SyntheticCamera) -> None:
         rng = np.random.default_rng(1)
         light = stars(camera, rng.uniform(5, 395, 60), rng.uniform(5, 295, 60), np.full(60, 90000.0), 2.5)
-        for number, (even, word) in enumerate(
-            ((300000.0, "saturated"), (25.0, "too faint"), (30000.0 + light, "stars"))
-        ):
+        lights: list[tuple[np.ndarray | float, str]]
+        lights = [(300000.0, "saturated"), (25.0, "too faint"), (30000.0 + light, "stars")]
+        for number, (even, word) in enumerate(lights):
             path = write(folder / f"f{number}.fits", camera.exposed(even, 2.0, 7), **flat_cards())
             text = self.refused(folder, BadFrame, bias=[folder / "b*"], flat=[path])
             assert path.name in text

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial import KDTree
 
 from mountnav.measuring.fast import measure_fast
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag
 from mountnav.reading import demosaiced, read_frame
+from tests.measuring.nearest import nearest
 from tests.short_part import one_in
 
 pytestmark = pytest.mark.shared
@@ -40,14 +40,14 @@ def test_rendered_stars_are_where_they_are(shared: Path, name: str, rough_px: fl
     x, y = stars[:, 0], stars[:, 1]
     stars = stars[(x > 5) & (y > 5) & (x < truth["w"] - 6) & (y < truth["h"] - 6)]
     found = seen.measurements
-    distance, index = KDTree(np.c_[found.x_px, found.y_px]).query(stars[:100, :2])
+    distance, index = nearest(np.c_[found.x_px, found.y_px], stars[:100, :2])
     clean = (distance < 1.5) & (found.flags[index] & (Flag.SATURATED | Flag.BLENDED) == 0)
     assert (distance[~((found.flags[index] & Flag.SATURATED) > 0)] < 1.5).mean() > 0.95
     assert np.median(distance[clean]) < rough_px
     rng = np.random.default_rng(0)
     wanted = stars[:, :2] + rng.normal(0.0, 0.4, (len(stars), 2))
     found = seen.measured_at(wanted[:, 0], wanted[:, 1], reach_px=3.0)
-    distance, index = KDTree(np.c_[found.x_px, found.y_px]).query(stars[:, :2])
+    distance, index = nearest(np.c_[found.x_px, found.y_px], stars[:, :2])
     assert (distance < 1.0).mean() > 0.98
     clean = (distance < 1.0) & (found.flags[index] == 0)
     print(f"\n{name}: {np.median(distance[clean]):.4f} px, {clean.sum()} stars")
@@ -85,13 +85,13 @@ def test_real_frames_show_the_sources_that_measure_sees(shared: Path, name: str)
     assert seen is not None
     best = np.flatnonzero(whole.flags & NO_STAR == 0)[:40]
     found = seen.measurements
-    distance, _ = KDTree(np.c_[found.x_px, found.y_px]).query(np.c_[whole.x_px, whole.y_px][best])
+    distance, _ = nearest(np.c_[found.x_px, found.y_px], np.c_[whole.x_px, whole.y_px][best])
     assert (distance < 2.0).mean() > 0.85
     star = np.flatnonzero(found.flags & NO_STAR == 0)[:40]
-    distance, _ = KDTree(np.c_[whole.x_px, whole.y_px]).query(np.c_[found.x_px, found.y_px][star])
+    distance, _ = nearest(np.c_[whole.x_px, whole.y_px], np.c_[found.x_px, found.y_px][star])
     assert (distance < 2.0).mean() > 0.85
     again = seen.measured_at(whole.x_px[best], whole.y_px[best], reach_px=2.0)
-    distance, _ = KDTree(np.c_[again.x_px, again.y_px]).query(np.c_[whole.x_px, whole.y_px][best])
+    distance, _ = nearest(np.c_[again.x_px, again.y_px], np.c_[whole.x_px, whole.y_px][best])
     assert (distance < 2.0).mean() > 0.85
     assert again.quality is not None
 

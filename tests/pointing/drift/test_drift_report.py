@@ -18,6 +18,7 @@ from mountnav.simulation.pointing_errors import PointingErrors
 from mountnav.sky.chain import hour_angle_to_apparent, hour_angle_to_observed
 from mountnav.sky.coordinates import Air, GeometricHourAngle, HourAngle, Site
 from mountnav.sky.sphere import displaced
+from tests.present import present
 
 START = datetime(2026, 11, 21, 20, tzinfo=UTC)
 NORTH, SOUTH = Site(48.93, 22.27, 700.0), Site(-30.2, -70.7, 2700.0)
@@ -126,27 +127,37 @@ def test_advice_followed_leaves_less_drift() -> None:
     assert first.polar.advice.endswith("west")
     better = replace(
         errors,
-        me_arcsec=errors.me_arcsec - first.polar.raise_arcmin * 60.0,
+        me_arcsec=errors.me_arcsec - present(first.polar.raise_arcmin) * 60.0,
         ma_arcsec=errors.ma_arcsec
-        + first.polar.east_arcmin * 60.0 * math.cos(math.radians(NORTH.latitude_deg)),
+        + present(first.polar.east_arcmin) * 60.0 * math.cos(math.radians(NORTH.latitude_deg)),
     )
     second = drift_report(watched(NORTH, better, PLACES[NORTH])[0], site=NORTH)
     for old, new in zip(first.stretches, second.stretches, strict=True):
         assert (
-            math.hypot(new.rates.east_arcsec_h, new.rates.north_arcsec_h)
-            < 0.1 * math.hypot(old.rates.east_arcsec_h, old.rates.north_arcsec_h) + 2.0
+            math.hypot(present(new.rates).east_arcsec_h, present(new.rates).north_arcsec_h)
+            < 0.1 * math.hypot(present(old.rates).east_arcsec_h, present(old.rates).north_arcsec_h) + 2.0
         )
 
 
 def test_a_perfect_mount_drifts_only_by_refraction() -> None:
     report = drift_report(watched(NORTH, PointingErrors(), [(-60.0, 10.0)])[0], site=NORTH)
     (stretch,) = report.stretches
-    assert abs(stretch.rates.east_arcsec_h) < 4.0 * stretch.rates.east_sigma_arcsec_h + 0.05
-    assert abs(stretch.rates.north_arcsec_h) < 4.0 * stretch.rates.north_sigma_arcsec_h + 0.05
+    assert abs(present(stretch.rates).east_arcsec_h) < 4.0 * present(stretch.rates).east_sigma_arcsec_h + 0.05
+    assert (
+        abs(present(stretch.rates).north_arcsec_h) < 4.0 * present(stretch.rates).north_sigma_arcsec_h + 0.05
+    )
     # at this altitude refraction alone is plainly seen, and told apart
-    assert math.hypot(stretch.refraction.east_arcsec_h, stretch.refraction.north_arcsec_h) > 5.0
+    assert (
+        math.hypot(present(stretch.refraction).east_arcsec_h, present(stretch.refraction).north_arcsec_h)
+        > 5.0
+    )
     left = drift_report(watched(NORTH, PointingErrors(), [(-60.0, 10.0)])[0], site=NORTH, mount_refracts=True)
-    assert math.hypot(left.stretches[0].rates.east_arcsec_h, left.stretches[0].rates.north_arcsec_h) > 5.0
+    assert (
+        math.hypot(
+            present(left.stretches[0].rates).east_arcsec_h, present(left.stretches[0].rates).north_arcsec_h
+        )
+        > 5.0
+    )
 
 
 def test_one_hour_angle_tells_only_half_of_the_axis() -> None:
@@ -160,28 +171,32 @@ def test_one_hour_angle_tells_only_half_of_the_axis() -> None:
 
 def test_model_and_drift_agree_or_nothing_is_turned() -> None:
     looks = watched(NORTH, PointingErrors(me_arcsec=200.0, ma_arcsec=-100.0), PLACES[NORTH])[0]
-    same = drift_report(looks, site=NORTH, model_terms={"ME": (203.0, 3.0), "MA": (-98.0, 3.0)}).polar
+    same = present(
+        drift_report(looks, site=NORTH, model_terms={"ME": (203.0, 3.0), "MA": (-98.0, 3.0)}).polar
+    )
     assert same.agree is True
-    assert same.used.me_sigma_arcsec < 3.0
-    other = drift_report(looks, site=NORTH, model_terms={"ME": (-200.0, 3.0), "MA": (-98.0, 3.0)}).polar
+    assert present(same.used).me_sigma_arcsec < 3.0
+    other = present(
+        drift_report(looks, site=NORTH, model_terms={"ME": (-200.0, 3.0), "MA": (-98.0, 3.0)}).polar
+    )
     assert other.agree is False
     assert other.used is None
     assert "contradict" in other.advice
-    alone = drift_report([], site=NORTH, model_terms={"ME": (60.0, 3.0), "MA": (0.0, 3.0)}).polar
+    alone = present(drift_report([], site=NORTH, model_terms={"ME": (60.0, 3.0), "MA": (0.0, 3.0)}).polar)
     assert alone.advice == "raise the polar axis 1.0′ ± 0.1′"
 
 
 def test_periodic_error_is_found_with_its_amplitude() -> None:
     errors = PointingErrors(periodic_amplitude_arcsec=8.0, periodic_period_s=480.0)
     looks, _ = watched(NORTH, errors, [(-20.0, 40.0)], minutes=60, every_s=30.0, sigma_arcsec=0.5)
-    found = drift_report(looks, site=NORTH, worm_period_s=480.0).periodic
+    found = present(drift_report(looks, site=NORTH, worm_period_s=480.0).periodic)
     assert abs(found.period_s - 480.0) < 5.0 * found.period_sigma_s + 1.0
     assert found.period_sigma_s < 5.0
     assert abs(found.amplitude_arcsec - 8.0) < 5.0 * found.amplitude_sigma_arcsec
     assert found.amplitude_sigma_arcsec < 0.2
     assert found.false_alarm < 1e-6
     assert found.is_worm is True
-    assert drift_report(looks, site=NORTH, worm_period_s=638.0).periodic.is_worm is False
+    assert present(drift_report(looks, site=NORTH, worm_period_s=638.0).periodic).is_worm is False
 
 
 def test_no_periodic_error_is_told_without_one_or_too_early() -> None:
@@ -199,7 +214,7 @@ def test_no_periodic_error_is_told_without_one_or_too_early() -> None:
 def test_even_sampling_names_its_aliases() -> None:
     swinging = PointingErrors(periodic_amplitude_arcsec=8.0)
     looks, _ = watched(NORTH, swinging, [(-20.0, 40.0)], minutes=90, every_s=100.0)
-    found = drift_report(looks, site=NORTH).periodic
+    found = present(drift_report(looks, site=NORTH).periodic)
     # 1/100 s ± 1/480 s
     assert [round(one) for one in found.aliases_s[:2]] == [126, 83]
 
@@ -212,7 +227,7 @@ def test_a_jump_is_no_drift() -> None:
     assert jump.utc == looks[20].utc
     assert jump.east_arcsec == pytest.approx(25.0, abs=2.0)
     assert jump.north_arcsec == pytest.approx(-10.0, abs=2.0)
-    assert abs(stretch.rates.east_arcsec_h) < 2.0
+    assert abs(present(stretch.rates).east_arcsec_h) < 2.0
 
 
 def test_settling_is_limited_by_the_looks_round_it() -> None:
@@ -224,11 +239,12 @@ def test_settling_is_limited_by_the_looks_round_it() -> None:
     for one in looks:
         since = (one.utc - max(end for end in ends if end < one.utc)).total_seconds()
         settled.append(replace(one, seen=displaced(one.seen, 20.0 * math.exp(-since / 5.0), 0.0)))
-    found = drift_report(settled, site=NORTH, slew_ends=ends).settling
+    found = present(drift_report(settled, site=NORTH, slew_ends=ends).settling)
     assert found.slews == 3
-    assert 10.0 <= found.least_s < found.most_s <= 30.0
-    assert found.least_s <= found.typical_s <= found.most_s
-    still = drift_report(looks, site=NORTH, slew_ends=ends).settling
+    least_s, most_s = present(found.least_s), present(found.most_s)
+    assert 10.0 <= least_s < most_s <= 30.0
+    assert least_s <= present(found.typical_s) <= most_s
+    still = present(drift_report(looks, site=NORTH, slew_ends=ends).settling)
     assert still.least_s is None
     assert still.most_s == pytest.approx(5.0)
     assert drift_report(looks, site=NORTH).settling is None

@@ -25,6 +25,7 @@ from mountnav.pointing.model.planning import (
 )
 from mountnav.pointing.observation import PointingObservation
 from mountnav.sky.coordinates import Icrs, Site
+from tests.present import present
 
 SITE = Site(48.93, 22.27)
 
@@ -128,15 +129,19 @@ def test_a_run_goes_on_where_it_was(tmp_path):
     begin(path, "east", points, [5])
     with pytest.raises(BadRequest, match="there already"):
         begin(path, "east", points, [5])
-    assert read_run(path).left == points
+    assert present(read_run(path)).left == points
     held_out = next(one.number for one in points if one.held_out and one.number != 5)
     for number in (held_out, 5):
         seen = PointingObservation(utc_now(), Icrs(1.0, 2.0), 0.5, Icrs(1.1, 2.0), look_id=f"look {number}")
         add(path, Outcome(number, seen.look_id), seen)
     failed = next(one.number for one in points if one.number not in (held_out, 5))
     add(path, Outcome(failed, None, "cloud"), None)
-    going = read_run(path)
-    assert {one.number for one in going.left} == {one.number for one in points} - {held_out, 5, failed}
+    going = present(read_run(path))
+    assert {one.number for one in going.left} == {one.number for one in points} - {
+        held_out,
+        5,
+        failed,
+    }
     assert [len(going.of_part(part)) for part in ("fit", "held-out", "fresh")] == [0, 1, 1]
     # killed in the middle of a point: in whichever line
     before = path.read_bytes()
@@ -146,10 +151,10 @@ def test_a_run_goes_on_where_it_was(tmp_path):
     for cut in range(len(before), len(whole), 5):
         path.write_bytes(whole[:cut])
         mend(path)
-        assert read_run(path).left == going.left, cut
-        assert len(read_run(path).of_part("fit")) == 0
+        assert present(read_run(path)).left == going.left, cut
+        assert len(present(read_run(path)).of_part("fit")) == 0
     path.write_bytes(whole)
-    assert len(read_run(path).left) == len(going.left) - 1
+    assert len(present(read_run(path)).left) == len(going.left) - 1
     path.write_bytes(whole + b'# point {"number": 3, "loo\n')
     with pytest.raises(BadRequest, match="damaged line"):
         read_run(path)

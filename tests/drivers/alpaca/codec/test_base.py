@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from drivers.alpaca.codec import base, telescope_state
+from drivers.alpaca.codec import base, state
 from drivers.alpaca.codec.base import Malformed, read_answer, reason_of
 from drivers.alpaca.codec.exposure import Exposure, Told, read_image
 from mountnav.errors import Refusal
@@ -142,11 +142,11 @@ def test_errors_of_com_are_errors_of_alpaca(said: int, number: int) -> None:
 
 @given(st.floats(0.0, 360.0, exclude_max=True), st.floats(-90.0, 90.0))
 def test_places_are_said_within_their_bounds_and_read_back(ra_deg: float, dec_deg: float) -> None:
-    said = telescope_state.said_place(Icrs(ra_deg, dec_deg))
+    said = state.said_place(Icrs(ra_deg, dec_deg))
     form = base.form(said, 1, 2)
     assert 0.0 <= float(form["RightAscension"]) < 24.0
     assert "e" not in form["RightAscension"] + form["Declination"]
-    back = telescope_state.place(float(form["RightAscension"]), float(form["Declination"]), "icrs", NOON)
+    back = state.place(float(form["RightAscension"]), float(form["Declination"]), "icrs", NOON)
     assert abs((back.ra_deg - ra_deg + 180.0) % 360.0 - 180.0) < 1e-8
     assert abs(back.dec_deg - dec_deg) < 1e-8
 
@@ -157,11 +157,11 @@ def test_places_are_said_within_their_bounds_and_read_back(ra_deg: float, dec_de
 )
 def test_numbers_that_are_no_place(ra: object, dec: object) -> None:
     with pytest.raises(Malformed):
-        telescope_state.place(ra, dec, "apparent", NOON)
+        state.place(ra, dec, "apparent", NOON)
 
 
 def test_a_right_ascension_of_24_hours_is_0() -> None:
-    assert telescope_state.place(24.0, 1.0, "apparent", NOON) == Apparent(0.0, 1.0, NOON)
+    assert state.place(24.0, 1.0, "apparent", NOON) == Apparent(0.0, 1.0, NOON)
 
 
 @pytest.mark.parametrize(
@@ -280,8 +280,8 @@ def test_whatever_a_server_sends_is_a_value_or_malformed(value: object) -> None:
         base.text,
         base.instant,
         base.named_values,
-        telescope_state.pier_side,
-        lambda one: telescope_state.place(one, one, "apparent", NOON),
+        state.pier_side,
+        lambda one: state.place(one, one, "apparent", NOON),
     )
     for read in readers:
         words = ""

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from drivers.nexstar.codec import base, passthrough, replies, site_and_time
 from drivers.nexstar.codec import replies as angles
-from drivers.nexstar.codec.handsets import Handset, Tracking, Version
+from drivers.nexstar.codec.dialect import Handset, Tracking, Version
 from drivers.nexstar.codec.passthrough import Axis, PassThrough
 from drivers.nexstar.codec.site_and_time import WireSite, WireTime
 from drivers.wire.command import Command, Unreadable

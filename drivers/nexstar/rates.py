@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 from drivers.generic.refusal_words import rates_text
 from drivers.nexstar.codec import base
-from drivers.nexstar.codec.handsets import Tracking
+from drivers.nexstar.codec.dialect import Tracking
 from drivers.nexstar.codec.passthrough import Axis, motor_for
 from drivers.wire.command import Command
 from mountnav.devices import Direction, MountAxis, OffsetRates, PierSide, RateSpan

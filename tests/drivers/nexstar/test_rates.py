@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from drivers.fakes.bench import FakeOnPty
 from drivers.generic.mount import GenericMount
 from drivers.nexstar.codec import base
-from drivers.nexstar.codec.handsets import Handset, Tracking, Version
+from drivers.nexstar.codec.dialect import Handset, Tracking, Version
 from drivers.nexstar.codec.passthrough import Axis
 from drivers.nexstar.fake import FakeNexstar
-from drivers.nexstar.following import Turning, rounded, too_coarse
+from drivers.nexstar.rates import Turning, rounded, too_coarse
 from mountnav.devices import STARS_RATES, OffsetRates, PierSide, Skill
 from mountnav.errors import DeviceRefused, Refusal
 from mountnav.simulation.mechanics import Machine, Mechanics, PointingErrors

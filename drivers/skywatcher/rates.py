@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from drivers.skywatcher import codec
 from drivers.skywatcher.axes import Gearing
 from drivers.skywatcher.codec import LARGEST, Axis, MotorStatus
-from drivers.skywatcher.motors import Motors
+from drivers.skywatcher.exchange import Motors
 from mountnav.devices import OffsetRates, RateSpan
 from mountnav.errors import DeviceError, DeviceRefused
 from mountnav.sky.coordinates import SIDEREAL_DEG_S

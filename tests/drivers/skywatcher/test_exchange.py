@@ -8,7 +8,7 @@ import pytest
 
 from drivers.skywatcher.axes import Gearing
 from drivers.skywatcher.codec import Axis, MotorStatus
-from drivers.skywatcher.motors import Motors
+from drivers.skywatcher.exchange import Motors
 from drivers.wire.command import Command
 
 RATE_DEG_S = 1.0 / 3600.0

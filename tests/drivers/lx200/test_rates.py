@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.lx200.codec import astro_physics, onstep
-from drivers.lx200.codec.moving import direction_of
-from drivers.lx200.dialects import dialect_named
+from drivers.lx200.codec.greeting import dialect_named
+from drivers.lx200.codec.rates import direction_of
 from drivers.lx200.fake.onstep import OnStepSpeaker
 from drivers.wire.command import Unreadable
 from mountnav.devices import STARS_RATES, Direction, OffsetRates, PierSide, Skill

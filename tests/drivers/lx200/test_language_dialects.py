@@ -15,7 +15,7 @@ from drivers.fakes.faults import Fault
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
 from drivers.lx200.codec.dialect import Handshake
-from drivers.lx200.dialects import dialect_named, names, recognized
+from drivers.lx200.codec.greeting import dialect_named, names, recognized
 from drivers.lx200.fake.base import FakeLx200
 from drivers.lx200.fake.dialects import make_fake
 from drivers.registry import fake_dialects

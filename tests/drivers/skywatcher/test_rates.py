@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from drivers.fakes.faults import Fault
 from drivers.skywatcher.axes import Gearing, raises_dec, turns_at
 from drivers.skywatcher.fake import BOARDS
-from drivers.skywatcher.following import (
+from drivers.skywatcher.rates import (
     Ground,
     fastest_deg_s,
     ground_rates,

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.fakes.faults import Fault
-from drivers.ioptron import following
+from drivers.ioptron import rates
 from drivers.ioptron.codec import v3
 from drivers.ioptron.codec.values import custom_rate_from_text
 from drivers.wire.command import Unreadable
@@ -69,7 +69,7 @@ async def test_it_says_that_its_declination_takes_no_rate() -> None:
             await mount.set_offset_rates(OffsetRates(0.5, 0.1))
         assert refused.value.reason is Refusal.UNSUPPORTED
         with pytest.raises(DeviceRefused, match="right ascension alone"):
-            await following.order_rates(mount.language._exchange, OffsetRates(0.5, 0.1))  # type: ignore
+            await rates.order_rates(mount.language._exchange, OffsetRates(0.5, 0.1))  # type: ignore
         assert not any(command.startswith((b":RR", b":RT")) for command in fake.heard)
         assert kept_rates(fake.mechanics) == pytest.approx((0.0, 0.0), abs=1e-4)
 
