@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 # Declinations, degrees towards the pole above the horizon, that a detour may pass, the nearest to the pole
 # first: there a German mount clears most obstacles. Chosen by hand; more of them cost time only when there
 # is no way. Last comes one so near to the pole that the tube hardly sinks below it while the mount changes
-# sides: where the pole stands less than 10 degrees above the limit, no other way leads to the other side.
+# sides: a mount that may hang on either may have to be sent there, where the pole is little above the limit.
 _DECLINATIONS_DEG = (80.0, 65.0, 50.0, 35.0, 20.0, 5.0, 86.0)
 # So far from the meridian, degrees, no German mount doubts its side of the pier. Chosen by hand.
 _PLAIN_DEG = 45.0
