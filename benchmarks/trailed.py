@@ -14,8 +14,8 @@ shaken once, a start before the mount stood still, ghosts mirrored about the opt
 spikes, bleeding columns; and, for the stated errors, clean, dim and crowded frames. Seeds from `FIELD_SEEDS`
 on also draw fields that move otherwise here than there: turning about a place in the frame, turning about a
 far one, turning and drifting, breathing (the scale changes). `--only two-places` draws two exposures in one
-that lie farther apart than any trail, `--only pair,turned-pair` two of 5 to 400 px, alike or down to a tenth of
-the light, of a field that turned between them or didn't. Every fourth seed lays its path upon a rendered
+that lie farther apart than any trail, `--only pair,turned-pair` two of 5 to 400 px, alike or down to a tenth
+of the light, of a field that turned between them or didn't. Every fourth seed lays its path upon a rendered
 frame (bins or cut-outs, the noise brought back to what it was), the others upon stars drawn here.
 
 **Truth** is the flux-weighted mean of the path: the place of the sky whose light, gathered during the
@@ -70,7 +70,7 @@ TOLD_EVERY = 100
 EPOCH_YR = 2000.0
 FULL_ADU = 60_000.0
 RENDERED_EVERY = 4
-MAIN_SHARE = 0.88
+MAIN_SHARE = 0.8
 """Of two exposures the one that has so much of the light is as right an answer as the mean of both: the
 other's images are lost in the noise of most frames."""
 STEP_PX = 0.5
