@@ -13,8 +13,9 @@ place), jagged ones (wind, periodic error), trails with gaps, with uneven light,
 shaken once, a start before the mount stood still, ghosts mirrored about the optical axis, diffraction
 spikes, bleeding columns; and, for the stated errors, clean, dim and crowded frames. Seeds from `FIELD_SEEDS`
 on also draw fields that move otherwise here than there: turning about a place in the frame, turning about a
-far one, turning and drifting, breathing (the scale changes); `--only two-places` draws two exposures in one
-that lie farther apart than any trail. Every fourth seed lays its path upon a rendered
+far one, turning and drifting, breathing (the scale changes). `--only two-places` draws two exposures in one
+that lie farther apart than any trail, `--only pair,turned-pair` two of 5 to 400 px, alike or down to a tenth
+of the light, of a field that turned between them or didn't. Every fourth seed lays its path upon a rendered
 frame (bins or cut-outs, the noise brought back to what it was), the others upon stars drawn here.
 
 **Truth** is the flux-weighted mean of the path: the place of the sky whose light, gathered during the
@@ -69,6 +70,9 @@ TOLD_EVERY = 100
 EPOCH_YR = 2000.0
 FULL_ADU = 60_000.0
 RENDERED_EVERY = 4
+MAIN_SHARE = 0.8
+"""Of two exposures the one that has so much of the light is as right an answer as the mean of both: the
+other's images are lost in the noise of most frames."""
 STEP_PX = 0.5
 """Paths are drawn in steps of this."""
 
@@ -347,6 +351,44 @@ def two_places(rng: np.random.Generator) -> Path2:
     return replace(path, rests_px=(float(path.dx_px[middle]), float(path.dy_px[middle])))
 
 
+def pair(rng: np.random.Generator) -> Path2:
+    """Two exposures in one, 5 to 400 px apart, the lesser with a tenth to all of the other's light."""
+    ratio = math.exp(rng.uniform(math.log(0.1), 0.0))
+    apart, toward = _length(rng), rng.uniform(0, math.tau)
+    parts = []
+    for k, weight in enumerate((1.0, ratio)):
+        length, angle = float(rng.choice([0.0, 0.0, rng.uniform(2, 40)])), rng.uniform(0, math.tau)
+        s = _steps(length) - 0.5
+        parts.append(
+            (
+                k * apart * math.cos(toward) + s * length * math.cos(angle),
+                k * apart * math.sin(toward) + s * length * math.sin(angle),
+                np.full(s.size, weight / s.size),
+            )
+        )
+    joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    path = _path(joined[0], joined[1], joined[2])
+    if 1.0 / (1.0 + ratio) < MAIN_SHARE:
+        return path
+    first = parts[0][0].size // 2
+    return replace(path, rests_px=(float(path.dx_px[first]), float(path.dy_px[first])))
+
+
+def turned_pair(rng: np.random.Generator) -> Path2:
+    """Two exposures of points, the field turned between them, 5 to 400 px apart at the frame's middle."""
+    middle, ratio = 0.5 * 1023, rng.uniform(0.25, 1.0)
+    away, toward = rng.uniform(0.0, 3.0) * 1024, rng.uniform(0, math.tau)
+    turn = _length(rng, 2.0, LONGEST_PX) / (away + 0.7 * 1024) * float(rng.choice([-1.0, 1.0]))
+    apart, angle = _length(rng), rng.uniform(0, math.tau)
+    share = np.array([1.0, ratio]) / (1.0 + ratio)
+    s = np.array([0.0, 1.0]) - share[1]
+    axis_x, axis_y = middle + away * math.cos(toward), middle + away * math.sin(toward)
+    # how far the turn alone takes the frame's middle is a part of it
+    own = complex(middle - axis_x, middle - axis_y) * 1j * turn
+    drift = apart * complex(math.cos(angle), math.sin(angle)) - own
+    return Path2(s * drift.real, s * drift.imag, s * turn, share, axis_x, axis_y)
+
+
 def double10(rng: np.random.Generator) -> Path2:
     """Two exposures in one, about 10 px apart, alike bright or not."""
     away, toward = rng.uniform(6, 14), rng.uniform(0, math.tau)
@@ -423,8 +465,13 @@ FIELDS: dict[str, Callable[[np.random.Generator], Path2]] = {
     "turning-drift": turning_drifting,
     "breathing": breathing,
 }
-FAR: dict[str, Callable[[np.random.Generator], Path2]] = {"two-places": two_places}
-"""Drawn on demand only. The brighter of two places is as right as the mean: most light rested there."""
+FAR: dict[str, Callable[[np.random.Generator], Path2]] = {
+    "two-places": two_places,
+    "pair": pair,
+    "turned-pair": turned_pair,
+}
+"""Drawn on demand only. The brighter of two places is as right as the mean, if they are out of each other's
+reach or it has `MAIN_SHARE` of the light."""
 FIELD_SEEDS = 50_000
 """Seeds from here on draw these as well; below, a seed's frame is what it was when its outcome was told."""
 OFTEN = ("straight", "straight", "curved", "jagged", "gap", "double")

@@ -212,30 +212,50 @@ class LimitsGuard:
             raise  # no way round shows it
         except OutsideLimits as refusal:
             tried: list[Icrs] = []
-            for _ in range(_WAYS_ROUND):
-                # it may take some tenths of a second, and a stop doesn't wait for it
-                legs = await asyncio.to_thread(
-                    legs_to,
-                    self._reckoned,
-                    from_mount(reading.place),
-                    target,
-                    utc,
-                    self.site,
-                    self.air,
-                    self.mounting,
-                    self.side(reading),
-                    self._followed.either,
-                    tuple(tried),
-                )
-                if not legs or (self.proof.wrong and _told(reading)):
-                    break
-                self._require_legs(reading, legs, utc)
-                side = None if foretold is None else await foretold(legs[0])
-                try:
-                    return Plan(legs, self.check_slew(reading, legs[0], utc, side, passing=True))
-                except OutsideLimits:
-                    tried.append(legs[0])
+            plan = await self._way_round(reading, target, utc, foretold, None, tried)
+            if plan is None and destination in _SIDES and self.side(reading) is None:
+                # a mount that foretells its side shows it by where it comes to; on its word alone a way
+                # is taken last, and only where nothing else tells where the tube hangs
+                plan = await self._way_round(reading, target, utc, foretold, destination, tried)
+            if plan is not None:
+                return plan
             raise refusal from None
+
+    async def _way_round(
+        self,
+        reading: MountReading,
+        target: Icrs,
+        utc: datetime,
+        foretold: Callable[[Icrs], Awaitable[PierSide | None]] | None,
+        destination: PierSide | None,
+        tried: list[Icrs],
+    ) -> Plan | None:
+        """A plan by way of other places, of which the mount was asked of the first; `tried` grows."""
+        for _ in range(_WAYS_ROUND):
+            # it may take some tenths of a second, and a stop doesn't wait for it
+            legs = await asyncio.to_thread(
+                legs_to,
+                self._reckoned,
+                from_mount(reading.place),
+                target,
+                utc,
+                self.site,
+                self.air,
+                self.mounting,
+                self.side(reading),
+                self._followed.either,
+                tuple(tried),
+                destination,
+            )
+            if not legs or (self.proof.wrong and _told(reading)):
+                return None
+            self._require_legs(reading, legs, utc)
+            side = None if foretold is None else await foretold(legs[0])
+            try:
+                return Plan(legs, self.check_slew(reading, legs[0], utc, side, passing=True))
+            except OutsideLimits:
+                tried.append(legs[0])
+        return None
 
     def check_slew(
         self,

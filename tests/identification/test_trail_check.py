@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.trailed import RIGHT_PX, still, trial, ways
+from benchmarks.trailed import RIGHT_PX, Path2, _upon_stars, still, trial, ways
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.measuring.star_trail import brighter_image, star_trail
 from mountnav.solution import Reason
+from mountnav.solving.settings import SolveSettings
 from mountnav.solving.solve import solve
 
 # seeds of benchmarks.trailed that were 3 to 127 px off with odds of 1e-12 to 1e-289 before the light was
@@ -181,6 +182,33 @@ def test_the_light_of_two_exposures_lies_between_them() -> None:
     assert path.far
     assert (path.dx_px, path.dy_px) == pytest.approx((20.0, -20.0 / 3.0), abs=3.0 * path.sigma_px)
     assert path.sigma_px < 1.0
+
+
+@pytest.mark.parametrize("apart_px", [6.0, 13.0, 26.0])
+def test_the_light_of_two_equal_exposures_lies_in_the_middle(apart_px: float) -> None:
+    # found at the one, as measuring may: neither of the two is the exposure's place
+    pixels, x, y = _frame_of_stars([(0.0, 0.0, 1.0), (0.8 * apart_px, -0.6 * apart_px, 1.0)])
+    path = star_trail(pixels, x, y, np.ones(x.size), np.ones(x.size, dtype=bool), 3.5)
+    assert path is not None
+    assert math.hypot(path.dx_px - 0.4 * apart_px, path.dy_px + 0.3 * apart_px) < 3.0 * path.sigma_px
+    assert path.sigma_px < 0.75
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("apart_px", [5.0, 13.0])
+def test_two_equal_exposures_are_answered_by_their_middle_and_it_is_told(apart_px: float) -> None:
+    rng = np.random.default_rng(200_011)
+    x, y = np.array([0.0, 0.6 * apart_px]), np.array([0.0, 0.8 * apart_px])
+    path = Path2(x - x.mean(), y - y.mean(), np.zeros(2), np.array([0.5, 0.5]))
+    one = _upon_stars("pair", path, rng)
+    verdict = solve(one.frame, embedded_catalog(), hint=one.hint, settings=SolveSettings(budget_s=20.0))
+    assert verdict.solution is not None, verdict.detail
+    sigma_px = verdict.solution.center_sigma_arcsec / one.scale_arcsec_px
+    assert one.error_px(verdict) < 4.0 * sigma_px
+    assert sigma_px < 0.75
+    if apart_px > 10.0:  # the two are seen apart: the plate was found at one of them
+        assert verdict.moved
+        assert "to the middle of the stars' light" in verdict.detail
 
 
 def test_a_mirrored_set_of_the_same_stars_tells_which_is_brighter() -> None:

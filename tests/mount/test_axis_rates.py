@@ -50,10 +50,11 @@ def test_one_that_does_change_with_one_axis_first_is_still_seen() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("seed", "targets"), [(831027, 2), (831040, 1)])
+@pytest.mark.parametrize(("seed", "targets"), [(831027, 2), (831040, 1), (910025, 2)])
 def test_targets_that_physics_allows_are_centered(seed: int, targets: int) -> None:
     # the first is a mute German mount that was stopped after 7 of 39 degrees along one axis, and for which
-    # ways of such rates, low over the pole, were reckoned with from then on
+    # ways of such rates, low over the pole, were reckoned with from then on; the last one foretells its side
+    # and doesn't tell the present one, where a change of sides leads under the limit
     outcome = lived(seed, targets=targets)
     assert [one.why for one in outcome.trials if one.result == "FAILED"] == []
     assert [*outcome.wrong_syncs, *outcome.beyond, *outcome.unclosed] == []

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from mountnav.devices import PierSide
 from mountnav.errors import OutsideLimits
-from mountnav.pointing.limits.postures import Mounting
+from mountnav.pointing.limits.postures import Mounting, from_the_meridian_deg, side_by_rule
 from mountnav.pointing.limits.slews import POLE_DOUBT_DEG
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_hour_angle
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
@@ -23,10 +23,14 @@ if TYPE_CHECKING:
 
 # Declinations, degrees towards the pole above the horizon, that a detour may pass, the nearest to the pole
 # first: there a German mount clears most obstacles. Chosen by hand; more of them cost time only when there
-# is no way.
-_DECLINATIONS_DEG = (80.0, 65.0, 50.0, 35.0, 20.0, 5.0)
+# is no way. Last comes one so near to the pole that the tube hardly sinks below it while the mount changes
+# sides: a mount that may hang on either may have to be sent there, where the pole is little above the limit.
+_DECLINATIONS_DEG = (80.0, 65.0, 50.0, 35.0, 20.0, 5.0, 86.0)
 # So far from the meridian, degrees, no German mount doubts its side of the pier. Chosen by hand.
 _PLAIN_DEG = 45.0
+_FORESEEN_SLACK_DEG = 1.0
+"""A place that is meant to lie `_PLAIN_DEG` from the meridian lies so much nearer at most, °, as refraction
+lifts it. Doubled, nothing else changes."""
 _FARTHER_DEG = 15.0
 """A mount that was seen to stay on its side is sent so much farther past the meridian, °, to have it change:
 two tries lead from 45° to 75°. Doubled, it is sent down to the horizon, and refused there."""
@@ -48,6 +52,7 @@ def legs_to(
     side: PierSide | None,
     either: bool = False,
     but: Container[Icrs] = (),
+    foretold: PierSide | None = None,
 ) -> tuple[Icrs, ...]:
     """Find places by way of which a target may be slewed to that may not be directly.
 
@@ -64,6 +69,9 @@ def legs_to(
         That isn't known, and it may be either.
     but : container of Icrs
         By none of these first: the mount was asked, and would go there by a way that isn't allowed.
+    foretold : PierSide, optional
+        The side on which the mount says that it will look at the target. Such a mount is taken to look at
+        places well away from the meridian from the side that faces them; each leg has to be asked of it.
 
     Returns
     -------
@@ -74,6 +82,11 @@ def legs_to(
         limits.check(target, utc, site, air)
     except OutsideLimits:
         return ()
+
+    def foreseen(place: Icrs) -> PierSide | None:
+        ha_deg = icrs_to_hour_angle(place, utc, site, air).ha_deg
+        plain = from_the_meridian_deg(ha_deg) > _PLAIN_DEG - _FORESEEN_SLACK_DEG
+        return side_by_rule(ha_deg) if plain else None
 
     def arrives(begin: Icrs, end: Icrs, hangs: _Hangs, stays: bool) -> tuple[bool, _Hangs]:
         try:
@@ -86,6 +99,7 @@ def legs_to(
                 mounting=mounting,
                 side=hangs[0],
                 either=hangs[1],
+                destination=foreseen(end) if foretold and not stays else foretold,
                 track_for_s=None if stays else 0.0,
             )
         except OutsideLimits:

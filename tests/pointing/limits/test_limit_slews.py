@@ -151,6 +151,35 @@ def test_a_german_mount_near_the_equator_is_told_what_to_set() -> None:
         lower.check_slew(start, target, NIGHT, site, AIR, mounting="german", side=WEST)
 
 
+# the pole stands 30 degrees high, and a tube that changes sides may sink beneath it by more than these 5
+LOW_POLE = Site(-30.08, 95.08, 1900.0)
+ABOVE_25 = Limits(25.0, rate_ratio=(0.8, 1.25), margin_deg=0.5)
+
+
+def test_what_a_mount_foretells_leads_it_where_either_side_may_be_the_present_one() -> None:
+    # at the zenith: nothing tells on which side the tube hangs, and no way is allowed from both of them
+    start, target = at(0.3, -30.0, site=LOW_POLE), at(-50.0, -40.0, site=LOW_POLE)
+    with pytest.raises(OutsideLimits, match="would be allowed"):
+        ABOVE_25.check_slew(start, target, NIGHT, LOW_POLE, AIR, mounting="german", side=None)
+    assert not legs_to(ABOVE_25, start, target, NIGHT, LOW_POLE, AIR, "german", None)
+    legs = legs_to(ABOVE_25, start, target, NIGHT, LOW_POLE, AIR, "german", None, foretold=WEST)
+    assert len(legs) >= 2
+    # the first one is allowed from either side, and where the mount comes to shows which it is
+    first = ABOVE_25.check_slew(
+        start,
+        legs[0],
+        NIGHT,
+        LOW_POLE,
+        AIR,
+        mounting="german",
+        side=None,
+        destination=WEST if icrs_to_hour_angle(legs[0], NIGHT, LOW_POLE, AIR).ha_deg < 0.0 else EAST,
+        track_for_s=0.0,
+    )
+    assert {way.start.side for way in first.expected} == {EAST, WEST}
+    assert len(first.sides) == 1
+
+
 def test_limits_of_hour_angle_declination_and_axes() -> None:
     limits = Limits(5.0, hour_angle_deg=(-60.0, 60.0), declination_deg=(-20.0, 75.0))
     for place, limit in (((70.0, 40.0), LimitKind.HOUR_ANGLE), ((0.0, 80.0), LimitKind.DECLINATION)):
