@@ -28,6 +28,9 @@ def main() -> None:
             from api.solver_daemon.stub import run
 
             sys.exit(run(sys.argv[1], sys.argv[2:]))
+    from mountnav.start_up import by_one_thread
+
+    by_one_thread()
     # what is imported stays: no garbage is sought until the command begins (`api.cli.commands.top`)
     gc.disable()
     try:

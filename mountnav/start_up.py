@@ -14,12 +14,16 @@ from __future__ import annotations
 import gc
 import importlib
 import importlib.util
+import os
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, MutableMapping
 from contextlib import contextmanager
 from types import ModuleType
 from typing import Any, Final
+
+BY_ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+"""How many threads numpy's linear algebra takes: as many as there are cores, where these are not set."""
 
 UNUSED: Final = (
     *("numpy.f2py", "numpy.testing", "numpy.polynomial", "numpy.ctypeslib"),
@@ -36,6 +40,16 @@ HELD_BY: Final = {
 }
 """Packages of scipy's, and their modules that hold what a solve uses: in them a name is looked for first.
 They are scipy's own affair: where another scipy has none of that name, the whole package is imported."""
+
+
+def by_one_thread(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Let numpy, which is not imported yet, compute by one thread; what the user has set stays.
+
+    A solve's matrices are small: on two cores OpenBLAS's threads wait for each other, and a solve takes twice
+    the CPU and no less time; with more cores it is worse. Several frames at once are for several processes.
+    """
+    for name in BY_ONE_THREAD:
+        environment.setdefault(name, "1")
 
 
 class LateModule(ModuleType):

@@ -31,6 +31,7 @@ from mountnav.errors import DeviceRefused
 from mountnav.files import cache_folder, make_private_folder, open_lock, read_text
 from mountnav.mount import OnLoss, SelfActing
 from mountnav.sky.coordinates import Site
+from mountnav.start_up import by_one_thread
 
 _log = logging.getLogger(__name__)
 
@@ -289,8 +290,7 @@ def _spawned(link: int) -> subprocess.Popen[bytes]:
     environment = dict(os.environ)
     # the same modules as here, wherever this process found them
     environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        environment.setdefault(name, "1")
+    by_one_thread(environment)
     # a signal that comes before it has its handlers must not end it: it inherits this thread's mask
     before = signal.pthread_sigmask(signal.SIG_BLOCK, HELD_UP)
     try:

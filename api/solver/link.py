@@ -34,6 +34,7 @@ from mountnav.reading.content import OnDisk, stored
 from mountnav.reading.fits_headers import MOST_PIXELS
 from mountnav.reading.star_lists import ListFormat
 from mountnav.solving.settings import SolveSettings
+from mountnav.start_up import by_one_thread
 
 if TYPE_CHECKING:
     from mountnav.measuring.calibration import Calibration
@@ -198,8 +199,7 @@ def _spawned(module: str, link: int, *, keep_memory: bool) -> subprocess.Popen[b
     environment = dict(os.environ)
     # the same modules as here, wherever this process found them; and one core, since it is measured in those
     environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        environment.setdefault(name, "1")
+    by_one_thread(environment)
     if keep_memory:
         environment.setdefault("MALLOC_MMAP_THRESHOLD_", str(KEPT_BELOW_BYTES))
         environment.setdefault("MALLOC_TRIM_THRESHOLD_", str(KEPT_BYTES))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from api.solver_daemon.stub import FAULT_CODE
 from mountnav.errors import MountnavError
+from mountnav.start_up import by_one_thread
 
 
 def run_alone(name: str, arguments: Sequence[str]) -> int:
@@ -29,4 +30,5 @@ def run_alone(name: str, arguments: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
+    by_one_thread()
     sys.exit(run_alone(sys.argv[1], sys.argv[2:]))

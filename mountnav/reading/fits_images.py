@@ -317,6 +317,9 @@ def _one_plane(hdu: Hdu, kind: np.dtype[np.generic], read: Callable[[int, int], 
     shape = _without_idle_axes(hdu.shape)
     height, width = shape[-2:] if len(shape) == 2 or shape[0] <= _MOST_COLORS else shape[:2]
     at_once = max(1, _BYTES_AT_ONCE // (width * kind.itemsize))
+    whole = _as_stored(kind, hdu) if len(shape) == 2 else None
+    if whole is not None:
+        return _whole_numbers(height, width, at_once, whole, read)
     plane: Pixels | None = None
     for at in range(0, height, at_once):
         rows = min(at_once, height - at)
@@ -326,6 +329,33 @@ def _one_plane(hdu: Hdu, kind: np.dtype[np.generic], read: Callable[[int, int], 
             plane = np.empty((height, width), brightness.dtype)
         plane[at : at + rows] = brightness
     assert plane is not None  # an image has at least one row
+    return plane
+
+
+def _as_stored(kind: np.dtype[np.generic], hdu: Hdu) -> np.dtype[np.generic] | None:
+    """Type of whole numbers that are physical values as they are stored, but for their sign; None for others."""
+    if kind.kind not in "ui" or "BLANK" in hdu.cards.values:
+        return None
+    zero, scale = hdu.cards.real("BZERO", 0.0), hdu.cards.real("BSCALE", 1.0)
+    if scale != 1.0:
+        return None
+    if zero == 0.0:
+        return kind.newbyteorder("=")
+    return np.dtype(f"{'iu'[kind.kind == 'i']}{kind.itemsize}") if _signs_differ(kind, zero) else None
+
+
+def _whole_numbers(
+    height: int, width: int, at_once: int, kind: np.dtype[np.generic], read: Callable[[int, int], Pixels]
+) -> Pixels:
+    """Whole numbers in the machine's byte order, written but once each, while they are in cache."""
+    plane = np.empty((height, width), kind)
+    for at in range(0, height, at_once):
+        rows = plane[at : at + at_once]
+        stored = read(at * width, rows.size).reshape(rows.shape)
+        np.copyto(rows.view(f"{stored.dtype.kind}{stored.dtype.itemsize}"), stored)
+        if stored.dtype.kind != kind.kind:
+            bits = rows.view(f"u{kind.itemsize}")
+            bits ^= np.array(1 << (8 * kind.itemsize - 1), dtype=bits.dtype)
     return plane
 
 
@@ -381,13 +411,18 @@ def _physical(stored: Pixels, hdu: Hdu) -> Pixels:
     if blank is None and scale == 1.0:
         if zero == 0.0:
             return stored.astype(kind.newbyteorder("="))
-        if abs(zero) == 2.0 ** (8 * kind.itemsize - 1) and (zero < 0) == (kind.kind == "u"):
+        if _signs_differ(kind, zero):
             return _other_sign(stored)
     # single precision holds 24 bits, so it is reckoned in double
     scaled = stored.astype(np.float64) * scale + zero
     if blank is not None:
         scaled[stored == blank] = np.nan
     return scaled.astype(np.float32)
+
+
+def _signs_differ(kind: np.dtype[np.generic], zero: float) -> bool:
+    """Whether BZERO says that whole numbers are unsigned, which FITS stores as signed ones, or bytes signed."""
+    return abs(zero) == 2.0 ** (8 * kind.itemsize - 1) and (zero < 0) == (kind.kind == "u")
 
 
 def _other_sign(stored: Pixels) -> Pixels:

@@ -15,6 +15,7 @@ from astropy.io import fits
 
 from api.cli.app import app
 from api.cli.commands import COMMANDS, GROUPS, app_of
+from mountnav.start_up import BY_ONE_THREAD
 
 DEAR = (
     *("astropy", "astropy_healpix", "PIL", "matplotlib", "rich", "fastapi", "uvicorn", "httpx", "asyncio"),
@@ -162,3 +163,19 @@ def test_the_public_names_of_the_sky_are_all_there() -> None:
         assert getattr(mountnav.sky, name).__name__ == name
     with pytest.raises(AttributeError, match="nothing"):
         mountnav.sky.nothing  # noqa: B018
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="threads are counted by Linux's /proc")
+@pytest.mark.parametrize(("given", "threads"), [({}, 1), ({"OPENBLAS_NUM_THREADS": "3"}, 3)])
+def test_a_command_computes_by_one_thread_unless_told_otherwise(given: dict[str, str], threads: int) -> None:
+    """Threads on matrices as small as a solve's cost twice the CPU; they are made when numpy is imported."""
+    count = "import numpy, re; print(re.search(r'Threads:\\s+(\\d+)', open('/proc/self/status').read())[1])"
+    environment = {name: value for name, value in os.environ.items() if name not in BY_ONE_THREAD}
+    done = subprocess.run(
+        [sys.executable, "-c", f"{RUN}\n{count}", "ports", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment | given,
+    )
+    assert min(int(done.stdout.splitlines()[-1]), os.cpu_count() or 1) == min(threads, os.cpu_count() or 1)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from mountnav.measuring.background import Image
 from mountnav.measuring.measurements import RESTLESS
@@ -15,7 +14,9 @@ _STRIP_LINES = 32
 """Lines of bins that are summed together, so that they stay in the processor's cache. It changes nothing but
 time."""
 _LOW_HALF = np.uint32(0xFFFF)
-"""Mask of the lower of two 16-bit pixels in a 32-bit word."""
+"""Mask of the lower of two 16-bit pixels in a 32-bit word, and one less than what the upper one counts there."""
+_HALF_BITS = np.uint32(16)
+"""Bits of a pixel in such a word."""
 #: What 1 2 1 both ways leaves of independent noise.
 SMOOTHED_NOISE = 6.0 / 16.0
 _LOW_LONG = np.uint64(0xFFFFFFFF)
@@ -83,11 +84,14 @@ def _sum_strip(lines: NDArray[np.generic], out: Image, bin_px: int, *, pairs: bo
         return
     # two pixels of 16 bits lie in one word of 32: both halves are summed without unpacking them
     words = lines.astype(np.uint16, copy=False).view(np.uint32)
-    both = words & _LOW_HALF
-    both += words >> np.uint32(16)
-    sums = both[:, 0] + both[:, 1]
+    high = words >> _HALF_BITS
+    sums, highs = words[:, 0] + words[:, 1], high[:, 0] + high[:, 1]
     for j in range(2, bin_px):
-        sums += both[:, j]
+        sums += words[:, j]
+        highs += high[:, j]
+    # the upper half counts 2^16 times in the words' sum, and once in the bin's; what overflows is the same in both
+    highs *= _LOW_HALF
+    sums -= highs
     if bin_px == 2:
         out[...] = sums
         return
@@ -214,7 +218,25 @@ def _evened(mesh: Array) -> Array:
     """Take single odd tiles out."""
     if min(mesh.shape) < 3:
         return mesh
-    return np.asarray(ndimage.median_filter(mesh, size=3, mode="nearest"))
+    height, width = mesh.shape
+    wide = np.pad(mesh, 1, mode="edge")
+    return median_of_nine([wide[j : j + height, i : i + width] for j in range(3) for i in range(3)])
+
+
+_NINE = (
+    *((1, 2), (4, 5), (7, 8), (0, 1), (3, 4), (6, 7), (1, 2), (4, 5), (7, 8), (0, 3)),
+    *((5, 8), (4, 7), (3, 6), (1, 4), (2, 5), (4, 7), (4, 2), (6, 4), (4, 2)),
+)
+"""Which two of nine numbers are put in order, one after the other, until the fifth is the median
+[Smith 1996, doi:10.1016/0923-5965(95)00049-6; the exchanges of Devillard's opt_med9]."""
+
+
+def median_of_nine(values: list[Array]) -> Array:
+    """Median of nine arrays of one shape, place by place: a fifth of the time of a filter for any rank."""
+    nine = list(values)
+    for low, high in _NINE:
+        nine[low], nine[high] = np.minimum(nine[low], nine[high]), np.maximum(nine[low], nine[high])
+    return np.asarray(nine[4])
 
 
 def pixel_noise(pixels: NDArray[np.generic]) -> float:
