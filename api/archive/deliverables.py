@@ -53,7 +53,7 @@ def write_headers(run: RunFolder, out: Path, kind: Literal["sip", "tpv"]) -> int
                 continue
             wcs = json.loads(str(cards[place]))
             file, extension = str(row["file"]), row["extension"]
-            hdu = int(str(extension)) if str(extension).isdigit() else extension
+            hdu = int(str(extension)) if str(extension).isdecimal() else extension
             content = _header(wcs if kind == "sip" else tpv_cards(wcs), file, hdu, run.name)  # type: ignore[arg-type]
             folder = out / f"{int(place or 0) // FOLDER_FRAMES:05d}"
             folder.mkdir(parents=True, exist_ok=True)

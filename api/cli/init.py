@@ -98,7 +98,7 @@ class _Asker:
         for number, (value, words) in enumerate(offers, start=1):
             typer.echo(f"  {number}  {value}  {words}".rstrip())
         typed = self.ask(f"{question} (a number, or type it)", flag, usual).strip()
-        if typed.isdigit() and 1 <= int(typed) <= len(offers):
+        if typed.isdecimal() and 1 <= int(typed) <= len(offers):
             return offers[int(typed) - 1][0]
         return typed
 

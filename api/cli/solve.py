@@ -154,7 +154,7 @@ def solve(
     )
     shelf = chosen_shelf(config, catalog)
     hint = asked_hint(ra, dec, radius, scale, scale_low, scale_high)
-    extension = int(hdu) if hdu is not None and hdu.isdigit() else hdu
+    extension = int(hdu) if hdu is not None and hdu.isdecimal() else hdu
     paths = found_files(files or [], listed)
     if annotate is not None:  # pictures of a former run are no frames of this one
         paths = [path for path in paths if Path(annotate) not in path.parents]

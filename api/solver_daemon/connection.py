@@ -213,7 +213,7 @@ def _bytes(text: str) -> bytes:
 def _fault(content: bytes, path: str) -> OSError:
     """The trouble that the stub had with a file."""
     number, _, words = content.decode("utf-8", "replace").partition("\0")
-    return OSError(int(number) if number.isdigit() else 5, words or "it can't be used", path)
+    return OSError(int(number) if number.isdecimal() else 5, words or "it can't be used", path)
 
 
 def serve_call(

@@ -69,7 +69,7 @@ def status_of(folder: Folder, run: RunFolder, known: dict[int, dict[str, int]] |
         if number not in known:
             known[number] = read_counts(run, number)
         counts.plus(known[number])
-    making = {int(one.name[:7]) for one in run.making.glob("*.lock") if one.name[:7].isdigit()} - done
+    making = {int(one.name[:7]) for one in run.making.glob("*.lock") if one.name[:7].isdecimal()} - done
     return Status(run.name, len(work.chunks), work.frames, len(done), tuple(sorted(making)), counts)
 
 

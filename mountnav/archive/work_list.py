@@ -42,7 +42,7 @@ class Entry:
     def hdu(self) -> int | str | None:
         """The extension as readers take it."""
         return (
-            int(self.extension) if self.extension is not None and self.extension.isdigit() else self.extension
+            int(self.extension) if self.extension is not None and self.extension.isdecimal() else self.extension
         )
 
 

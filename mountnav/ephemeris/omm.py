@@ -176,7 +176,7 @@ def _elements(record: Mapping[str, Any], at: str) -> SatelliteElements:
     if number not in (None, ""):
         if not re.fullmatch(r"\s*[0-9]{1,9}\s*", str(number)):
             raise BadRequest(f"{at}: NORAD_CAT_ID {str(number)[:20]!r} is not a catalog number")
-        norad_id = int(str(number))
+        norad_id = int(str(number).strip())
     return SatelliteElements(
         name=name or f"satellite {norad_id}",
         norad_id=norad_id,

@@ -150,7 +150,7 @@ def _exif(packed: bytes) -> dict[str, Value]:
             from datetime import UTC, datetime
 
             fraction = str(tags.get(_FRACTION, "")).strip(" \0")
-            text = f"{taken[:19]}.{fraction if fraction.isdigit() else '0'} {zone.replace('Z', '+00:00')}"
+            text = f"{taken[:19]}.{fraction if fraction.isdecimal() else '0'} {zone.replace('Z', '+00:00')}"
             began = datetime.strptime(text, "%Y:%m:%d %H:%M:%S.%f %z").astimezone(UTC)
             header["DATE-OBS"] = f"{began:%Y-%m-%dT%H:%M:%S.%f}"
     except Exception:  # pillow's parser of tags raises all kinds; the pixels are what is wanted

@@ -112,7 +112,7 @@ _SAMPLES = 721
 
 def _zpn_polynomial(cards: Mapping[str, object]) -> Array:
     """Coefficients, the constant first."""
-    numbers = [int(name[4:]) for name in cards if name.startswith("PV2_") and name[4:].isdigit()]
+    numbers = [int(name[4:]) for name in cards if name.startswith("PV2_") and name[4:].isdecimal()]
     if not numbers:
         raise BadRequest("the WCS has no card PV2_1", advice="give the cards of a solved frame")
     found = np.zeros(max(numbers) + 1)

@@ -172,7 +172,7 @@ def slew_answer(buffer: bytes, final: bool) -> Read[Answer] | None:
     if buffer[:1] == b"0":
         return Read(Answer(), 1)
     code = chr(buffer[0])
-    if not code.isdigit():
+    if not code.isdecimal():
         raise Unreadable(f"{buffer!r} is not an answer to a slew")
     by_code = {"1": Refusal.BELOW_HORIZON, "2": Refusal.LIMIT, "4": Refusal.LIMIT}
     whole = text(buffer, final)

@@ -504,6 +504,9 @@ def test_saved_answers_of_failed_queries_are_refused(tmp_path: Path) -> None:
     path.write_text(text.replace("<TABLE", '<TABLE nrows="51"', 1).replace(' nrows="50"', ""))
     with pytest.raises(BadCatalog, match="at row 50: expected 51 rows"):
         read(path)
+    for none in ("²", "1" * 5000):  # digits to some, no number to `int`
+        path.write_text(text.replace("<TABLE", f'<TABLE nrows="{none}"', 1).replace(' nrows="50"', ""))
+        assert read(path)[1].mag.size == 50
 
 
 def test_without_errors_typical_ones_stand_in(tmp_path: Path) -> None:

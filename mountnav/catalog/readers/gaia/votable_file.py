@@ -187,7 +187,8 @@ class _Head:
                 if root != "VOTABLE":
                     raise ValueError(f"its outermost element is {root}")
             if event == "start" and tag == "TABLE":
-                self.rows = int(element.get("nrows", "")) if element.get("nrows", "").isdigit() else None
+                told = element.get("nrows", "")
+                self.rows = int(told) if told.isdecimal() and len(told) < 19 else None
                 self.texts.append(element.get("name", ""))
             if event == "start" and tag == "DATA":
                 return
