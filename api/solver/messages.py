@@ -20,7 +20,9 @@ import math
 import pickle
 import socket
 import struct
+import sys
 import types
+import typing
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
@@ -50,6 +52,7 @@ _MOST_TEXT = 20_000
 """Characters of an error's text or of a note that are carried over; a traceback has a few thousand."""
 
 _LENGTH = struct.Struct("<I")
+_ALIAS: tuple[type[Any], ...] = (typing.TypeAliasType,) if sys.version_info >= (3, 12) else ()
 _ERRORS: dict[str, type[errors.MountnavError]] = {
     name: one
     for name, one in vars(errors).items()
@@ -258,6 +261,7 @@ def _hints(kind: type[Any]) -> dict[str, Any]:
 
 def _made(value: Any, kind: Any, arrays: memoryview) -> Any:
     """Make what the type says of what came; anything else is a BadAnswer."""
+    kind = _unaliased(kind)
     origin = get_origin(kind)
     if origin is np.ndarray:
         return _array(value, kind, arrays)
@@ -287,6 +291,13 @@ def _made(value: Any, kind: Any, arrays: memoryview) -> Any:
             raise BadAnswer(f"{kind.__name__} has not the fields {sorted(set(fields) ^ set(hints))}")
         return kind(**{name: _made(one, hints[name], arrays) for name, one in fields.items()})
     raise BadAnswer(f"nothing is known of {kind}")
+
+
+def _unaliased(kind: Any) -> Any:
+    """What a type alias stands for: numpy's `NDArray[...]` is one from Python 3.12 on."""
+    while isinstance(alias := get_origin(kind) or kind, _ALIAS):
+        kind = alias.__value__[args] if (args := get_args(kind)) else alias.__value__
+    return kind
 
 
 def _checked(value: Any, kind: type[Any]) -> Any:
