@@ -205,7 +205,7 @@ class Bench:
         return verdict
 
     def rest(self) -> None:
-        """Release the index' pages, now that nobody waits: they stay in the system's memory while there is room."""
+        """Release the index' pages, now that nobody waits; the system keeps them while it has room."""
         if self._index is not None:
             self._index.rest()
 
