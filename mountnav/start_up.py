@@ -25,6 +25,13 @@ from typing import Any, Final
 BY_ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 """How many threads numpy's linear algebra takes: as many as there are cores, where these are not set."""
 
+KEPT_BELOW_BYTES: Final = 32 << 20
+"""Arrays up to so large are made in memory that was used before, where it is kept: the most that glibc
+takes. 100 frames of 4 to 11 Mpx took 0.6 s of system time so, and 6.9 s otherwise."""
+KEPT_BYTES: Final = 128 << 20
+"""What a process may keep of the memory of its last frame. Doubled, each worker of an archive holds so much
+more; halved, a frame of 9 Mpx has its arrays cleared anew each time."""
+
 UNUSED: Final = (
     *("numpy.f2py", "numpy.testing", "numpy.polynomial", "numpy.ctypeslib"),
     *("scipy._lib.array_api_compat.numpy", "scipy._lib.array_api_extra", "pydoc"),
@@ -137,6 +144,25 @@ def put_off_unused() -> None:
         sys.modules[name] = module
         if above:
             setattr(sys.modules[above], own, module)
+
+
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+"""What glibc calls these settings (``malloc.h``)."""
+
+
+def keep_memory() -> None:
+    """Let a process that reads many frames make arrays in memory that it used before, where glibc can.
+
+    Otherwise the system clears 20 MB anew for each frame of 11 Mpx: a sixth of its CPU time.
+    """
+    import ctypes
+
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (OSError, AttributeError):
+        return  # another C library has other ways
+    mallopt(_MMAP_THRESHOLD, KEPT_BELOW_BYTES)
+    mallopt(_TRIM_THRESHOLD, KEPT_BYTES)
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -98,3 +99,25 @@ for thread in threads: thread.join(60)
 print(len(found), len({name: value for name, value in found}), len(set(found)))
 """
     assert _said(code).split() == ["32", "4", "4"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="page faults are counted by Linux' /proc")
+def test_arrays_are_made_in_memory_that_was_used_before() -> None:
+    """What is freed is used again: hardly a page of the second to tenth array has to be cleared."""
+    program = """
+import resource
+import numpy as np
+from mountnav.start_up import keep_memory
+keep_memory()
+def faults():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(9):
+        held = [np.ones(25_000_000, np.uint8) for _ in range(3)]
+        del held
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+faults()
+print(faults())
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    pages = 25_000_000 // 4096
+    assert int(done.stdout) < pages

@@ -133,7 +133,7 @@ def solve(
     Exit code 0 if all were solved, 1 if some were not or something couldn't be written, 2 on bad usage, 130
     when interrupted.
     """
-    from mountnav.start_up import no_garbage_sought, put_off_unused
+    from mountnav.start_up import keep_memory, no_garbage_sought, put_off_unused
 
     put_off_unused()
     with no_garbage_sought():
@@ -188,6 +188,8 @@ def solve(
     if jobs > 1:
         code = run.side_by_side(shelf, hint, settings, jobs, held)
     else:
+        if len(paths) > 1:
+            keep_memory()
         code = run.one_by_one(FileSolver(shelf, hint, extension, settings), held)
     raise typer.Exit(code)
 

@@ -34,7 +34,7 @@ from mountnav.reading.content import OnDisk, stored
 from mountnav.reading.fits_headers import MOST_PIXELS
 from mountnav.reading.star_lists import ListFormat
 from mountnav.solving.settings import SolveSettings
-from mountnav.start_up import by_one_thread
+from mountnav.start_up import KEPT_BELOW_BYTES, by_one_thread
 
 if TYPE_CHECKING:
     from mountnav.measuring.calibration import Calibration
@@ -77,16 +77,17 @@ class ProcessLink:
         self._link = link
 
     @classmethod
-    def start(cls, module: str, *, keep_memory: bool = False) -> Self:
+    def start(cls, module: str, *, kept_bytes: int = 0) -> Self:
         """Start a module of ours. It is spawned, not forked: threads and open devices stay here.
 
         Parameters
         ----------
         module : str
             Such as ``api.solver.process``; it is given the number of its socket.
-        keep_memory : bool
-            Arrays are made in memory that was used before, not in memory that the system has to clear first:
-            0.06 s less system time a frame, for up to `KEPT_BYTES` that lie idle.
+        kept_bytes : int
+            Arrays are made in memory that was used before, not in memory that the system has to clear: a
+            fifth of a frame's CPU time less, for so much that may lie idle until the process gives it back
+            (`api.solver.process` does when nothing is asked of it). 0: none is kept.
 
         Raises
         ------
@@ -96,7 +97,7 @@ class ProcessLink:
         ours, theirs = socket.socketpair()
         ours.setblocking(False)
         try:
-            process = _spawned(module, theirs.fileno(), keep_memory=keep_memory)
+            process = _spawned(module, theirs.fileno(), kept_bytes=kept_bytes)
         except OSError as error:
             ours.close()
             raise ProcessEnded(f"no process could be started: {error}") from error
@@ -187,22 +188,14 @@ class ProcessLink:
         return content
 
 
-KEPT_BELOW_BYTES = 32 << 20
-"""Arrays up to so large are made in memory that was used before, where it is kept: the most that glibc
-takes. 100 frames of 4 to 11 Mpx took 0.6 s of system time so, and 6.9 s otherwise."""
-KEPT_BYTES = 128 << 20
-"""What a process may keep of the memory of its last frame. Doubled, each worker of an archive holds so much
-more; halved, a frame of 9 Mpx has its arrays cleared anew each time."""
-
-
-def _spawned(module: str, link: int, *, keep_memory: bool) -> subprocess.Popen[bytes]:
+def _spawned(module: str, link: int, *, kept_bytes: int) -> subprocess.Popen[bytes]:
     environment = dict(os.environ)
     # the same modules as here, wherever this process found them; and one core, since it is measured in those
     environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
     by_one_thread(environment)
-    if keep_memory:
+    if kept_bytes:
         environment.setdefault("MALLOC_MMAP_THRESHOLD_", str(KEPT_BELOW_BYTES))
-        environment.setdefault("MALLOC_TRIM_THRESHOLD_", str(KEPT_BYTES))
+        environment.setdefault("MALLOC_TRIM_THRESHOLD_", str(kept_bytes))
     else:
         # large arrays go back to the system as soon as they are done with: 30 MB less
         environment.setdefault("MALLOC_MMAP_THRESHOLD_", "4000000")

@@ -204,6 +204,11 @@ class Bench:
             verdict = replace(verdict, notes=(*verdict.notes, self._trouble))
         return verdict
 
+    def rest(self) -> None:
+        """Release the index' pages, now that nobody waits; the system keeps them while it has room."""
+        if self._index is not None:
+            self._index.rest()
+
     def _open(self, index: Path | None) -> None:
         if index is None or (self._index is not None and self._index.path == index):
             return
@@ -337,6 +342,7 @@ def main() -> None:
         while True:
             if not select.select([link], [], [], _IDLE_S)[0]:
                 _give_back()
+                bench.rest()
             task, files = receive(link)
             assert isinstance(task, (Task, Read))
             try:

@@ -333,7 +333,7 @@ def _one_plane(hdu: Hdu, kind: np.dtype[np.generic], read: Callable[[int, int], 
 
 
 def _as_stored(kind: np.dtype[np.generic], hdu: Hdu) -> np.dtype[np.generic] | None:
-    """Type of whole numbers that are physical values as they are stored, but for their sign; None for others."""
+    """Type of whole numbers that are physical values as stored, but for their sign; None for others."""
     if kind.kind not in "ui" or "BLANK" in hdu.cards.values:
         return None
     zero, scale = hdu.cards.real("BZERO", 0.0), hdu.cards.real("BSCALE", 1.0)
@@ -421,7 +421,7 @@ def _physical(stored: Pixels, hdu: Hdu) -> Pixels:
 
 
 def _signs_differ(kind: np.dtype[np.generic], zero: float) -> bool:
-    """Whether BZERO says that whole numbers are unsigned, which FITS stores as signed ones, or bytes signed."""
+    """Whether BZERO says that whole numbers are unsigned, which FITS stores as signed, or bytes signed."""
     return abs(zero) == 2.0 ** (8 * kind.itemsize - 1) and (zero < 0) == (kind.kind == "u")
 
 

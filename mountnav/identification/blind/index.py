@@ -131,9 +131,10 @@ def densities(count: int) -> list[tuple[int, int, float]]:
 
 MOST_TOLERANCE = 0.99 * 0.5 * STEPS_PER_CELL * STEP
 """Half a cell, 0.0103: a wider question would reach three cells of a row."""
-MANY = 4000
-"""A search for more codes than this touches so much of the file that its pages are released at once; a frame
-mostly has 200 to 3000."""
+ROUNDS_KEPT = 8
+"""After so many rounds of questions the pages that they touched are worth releasing: 5 to 10 MB each. A frame
+that is found takes one or two. Doubled, a process that solves holds some 50 MB more of the shared file;
+halved, a solve of 9 Mpx costs 2 % more."""
 
 
 class BlindIndex:
@@ -179,6 +180,7 @@ class BlindIndex:
         self._quads = section("quads", "<u8")
         self._rows = section("rows", "<u4")
         self._grid = section("grid", "<u4")
+        self._rounds = 0
         self._grid_starts = np.concatenate(([0], np.cumsum(self.header.grid_lengths)))
         self.first_star: Index = np.concatenate(([0], np.cumsum(self.header.level_stars)))
         self.density_deg2: Array = np.array([kind[2] for kind in densities(len(self.header.level_stars))])
@@ -251,12 +253,20 @@ class BlindIndex:
             here = place[:, k]
             kept = np.flatnonzero((here >= at_least[slot, k]) & (here <= at_most[slot, k]))
             place, slot, quad = place[kept], slot[kept], quad[kept]
-        if len(code) > MANY:
-            self.rest()
+        self._rounds += 1
         return which[slot], quad
 
+    @property
+    def worth_releasing(self) -> bool:
+        """Whether so many rounds were asked for that much of the file counts as this process' memory."""
+        return self._rounds >= ROUNDS_KEPT
+
     def rest(self) -> None:
-        """Release the file's pages: a search leaves 10 to 100 MB of them, and the next finds them again."""
+        """Release the file's pages: a search leaves 10 to 100 MB of them, and the next finds them again.
+
+        To map them again takes longer than to look at them: not for between the rounds of one search.
+        """
+        self._rounds = 0
         unmap(self._mapped)
 
     def stars(self, quad: Index) -> Index:

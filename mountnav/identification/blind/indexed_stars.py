@@ -154,9 +154,10 @@ class IndexedStars:
         return circle[inside], star[inside], vectors[inside]
 
     def rest(self) -> None:
-        """Release memory that only a search needs."""
-        self.index.rest()
-        self._rows.rest()
+        """Release memory that only a search needs, once there is much of it."""
+        if self.index.worth_releasing:
+            self.index.rest()
+            self._rows.rest()
 
     def catalog_places(self, star: Index) -> tuple[Array, Array]:
         """Places of a few stars to the last bit as the catalog gives them: confirmation compares them so.

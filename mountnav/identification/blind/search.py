@@ -416,8 +416,7 @@ FOLLOWED_UP_BELOW = 0.3
 FINALISTS = 6
 """Of a batch, so many positions are followed up at most. Chosen by hand: each costs a verification."""
 FIRST_QUERIES = 3
-"""Rounds for a frame with a near hint, since triangles follow; later rounds touch so much of the file that
-its pages are released after each."""
+"""Rounds for a frame with a near hint, since triangles follow."""
 SAME_PLACE = 3
 """Quads that propose the same position are followed up so often: another quad's plate may fare better."""
 
@@ -491,7 +490,7 @@ def _rounds(
     seen: set[bytes] = set()
     followed_up: list[Array] = []
     before = search.hypotheses
-    for number, query in enumerate(queries):
+    for query in queries:
         search.check_time()
         if query.side_deg and view.scale_known:
             continue  # every round has its quads laid on the sphere then
@@ -509,8 +508,6 @@ def _rounds(
             search.check_time()
             part = some.only(np.arange(start, min(end, len(some))))
             yield from _promising(part, sky, view, search, followed_up, before)
-        if number >= FIRST_QUERIES:
-            sky.rest()  # most of the file would be mapped in the end
 
 
 def _fresh(some: Candidates, seen: set[bytes]) -> Candidates:

@@ -14,7 +14,7 @@ _STRIP_LINES = 32
 """Lines of bins that are summed together, so that they stay in the processor's cache. It changes nothing but
 time."""
 _LOW_HALF = np.uint32(0xFFFF)
-"""Mask of the lower of two 16-bit pixels in a 32-bit word, and one less than what the upper one counts there."""
+"""Mask of the lower of two 16-bit pixels in a 32-bit word; and one less than what the upper one counts."""
 _HALF_BITS = np.uint32(16)
 """Bits of a pixel in such a word."""
 #: What 1 2 1 both ways leaves of independent noise.
@@ -89,7 +89,7 @@ def _sum_strip(lines: NDArray[np.generic], out: Image, bin_px: int, *, pairs: bo
     for j in range(2, bin_px):
         sums += words[:, j]
         highs += high[:, j]
-    # the upper half counts 2^16 times in the words' sum, and once in the bin's; what overflows is the same in both
+    # the upper half counts 2^16 times in the words' sum, and once in the bin's; overflow is the same in both
     highs *= _LOW_HALF
     sums -= highs
     if bin_px == 2:
