@@ -15,7 +15,8 @@ spikes, bleeding columns; and, for the stated errors, clean, dim and crowded fra
 on also draw fields that move otherwise here than there: turning about a place in the frame, turning about a
 far one, turning and drifting, breathing (the scale changes). `--only two-places` draws two exposures in one
 that lie farther apart than any trail, `--only pair,turned-pair` two of 5 to 400 px, alike or down to a tenth
-of the light, of a field that turned between them or didn't. Every fourth seed lays its path upon a rendered
+of the light, of a field that turned between them or didn't, `--only beside` a bright one and a faint one that
+is drawn out. Every fourth seed lays its path upon a rendered
 frame (bins or cut-outs, the noise brought back to what it was), the others upon stars drawn here.
 
 **Truth** is the flux-weighted mean of the path: the place of the sky whose light, gathered during the
@@ -366,6 +367,30 @@ def pair(rng: np.random.Generator) -> Path2:
                 np.full(s.size, weight / s.size),
             )
         )
+    return _resting(parts, ratio)
+
+
+def beside(rng: np.random.Generator) -> Path2:
+    """A point or a short trail and, 8 to 45 px away, a fainter exposure that is drawn out."""
+    ratio = math.exp(rng.uniform(math.log(0.13), math.log(0.5)))
+    apart, toward = rng.uniform(8, 45), rng.uniform(0, math.tau)
+    parts = []
+    for k, weight in enumerate((1.0, ratio)):
+        length = float(rng.choice([0.0, rng.uniform(2, 15)])) if k == 0 else rng.uniform(10, 45)
+        angle = rng.uniform(0, math.tau)
+        s = _steps(length) - 0.5
+        parts.append(
+            (
+                k * apart * math.cos(toward) + s * length * math.cos(angle),
+                k * apart * math.sin(toward) + s * length * math.sin(angle),
+                np.full(s.size, weight / s.size),
+            )
+        )
+    return _resting(parts, ratio)
+
+
+def _resting(parts: list[tuple[Array, Array, Array]], ratio: float) -> Path2:
+    """Two exposures as a path; the first is as right an answer as the mean where it has most of the light."""
     joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
     path = _path(joined[0], joined[1], joined[2])
     if 1.0 / (1.0 + ratio) < MAIN_SHARE:
@@ -469,6 +494,7 @@ FAR: dict[str, Callable[[np.random.Generator], Path2]] = {
     "two-places": two_places,
     "pair": pair,
     "turned-pair": turned_pair,
+    "beside": beside,
 }
 """Drawn on demand only. The brighter of two places is as right as the mean, if they are out of each other's
 reach or it has `MAIN_SHARE` of the light."""

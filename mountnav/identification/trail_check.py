@@ -267,14 +267,11 @@ def _contradicted(
         return _refused(found, path, why)
     if not _center_known(path) or _moved_px(frame.fwhm_px) < path.off_px <= MOVED_SIGMAS * path.sigma_px:
         return _refused(found, path)
-    # on many stars what else there is of an exposure is seen, and bright stars' nebulae pull more than this
+    # on many stars what else there is of an exposure is seen, and nebulae about bright ones pull as much
     unsure_px = max(math.sqrt(2.0) * SURE_PX, _moved_px(frame.fwhm_px))
     if path.pull_px > unsure_px and len(reference.pairs) < MANY_PAIRS:
-        why = (
-            f"{100.0 * path.halo_share:.0f} % of it is too faint to be followed, lies to one side, and pulls "
-            f"the middle by {path.pull_px:.1f} px or more"
-        )
-        return _refused(found, path, why)
+        pull = f"pulls the middle by {path.pull_px:.1f} px"
+        return _refused(found, path, f"what is too faint to be followed lies to one side and {pull}")
     return None
 
 
@@ -324,8 +321,7 @@ def _unfollowed_px2(path: StarTrail) -> float:
     off2 = 0.5 * path.off_px**2
     if path.uneven:
         # the distance holds the center's own error; what is too faint to be in the center pulls it as well
-        halo2 = (HALO_PX * path.halo_share) ** 2
-        return max(off2, path.sigma_px**2) + max(halo2, 0.5 * path.pull_px**2)
+        return max(off2, path.sigma_px**2) + (HALO_PX * path.halo_share) ** 2
     # round images are those of points: what differs by no more than noise does is none
     return off2 if path.off_px > max(TOLD_PX, TOLD_SIGMAS * path.sigma_px) else 0.0
 

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.trailed import RIGHT_PX, Path2, _upon_stars, still, trial, ways
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.measuring.star_trail import brighter_image, star_trail
+from mountnav.measuring.star_trail import _pull, brighter_image, star_trail
 from mountnav.solution import Reason
 from mountnav.solving.settings import SolveSettings
 from mountnav.solving.solve import solve
@@ -182,6 +182,40 @@ def test_the_light_of_two_exposures_lies_between_them() -> None:
     assert path.far
     assert (path.dx_px, path.dy_px) == pytest.approx((20.0, -20.0 / 3.0), abs=3.0 * path.sigma_px)
     assert path.sigma_px < 1.0
+
+
+def test_the_moment_of_faint_light_tells_a_side_and_neither_a_halo_nor_the_skys_slope() -> None:
+    offset = np.arange(-28.0, 29.0)
+    x, y = np.meshgrid(offset, offset)
+    away = np.hypot(x, y)
+    faint, rim = (away < 22) & (away > 5), away > 23
+    aside = 0.02 * np.exp(-0.5 * ((x - 14.0) ** 2 + (y + 9.0) ** 2) / 4.0**2)
+    around = 0.02 * np.exp(-0.5 * (away - 15.0) ** 2 / 3.0**2)
+    slope = 0.00025 * x - 0.0001 * y
+    rng = np.random.default_rng(3)
+    noise = rng.normal(0.0, 0.002, x.shape)
+    moments = []
+    for light in (aside, around, slope, aside + around + slope):
+        moment, error = _pull(light + noise, faint, rim, offset, 0.002)
+        moments.append(moment / error)
+    assert moments[0] > 10.0
+    assert moments[1] < 3.0
+    assert moments[2] < 3.0
+    assert moments[3] == pytest.approx(moments[0], rel=0.3)
+
+
+@pytest.mark.long
+def test_a_seventh_of_the_light_beside_a_short_trail_is_refused_or_in_the_middle() -> None:
+    # 2.5 px off with 0.15 px stated: the other exposure is a trail 18 px away, in no bin above the noise
+    kinds = ("pair", "double", "pair", "turned-pair")
+    one = trial(125_216, kinds)
+    verdict = solve(one.frame, embedded_catalog(), hint=one.hint, settings=ways(125_216))
+    if verdict.solution is None:
+        assert verdict.reason is Reason.TRAILED
+        assert "to one side" in verdict.detail
+        return
+    sigma_px = verdict.solution.center_sigma_arcsec / one.scale_arcsec_px
+    assert one.error_px(verdict) < 4.0 * sigma_px
 
 
 @pytest.mark.parametrize("apart_px", [6.0, 13.0, 26.0])
