@@ -12,8 +12,8 @@ each seed at one of them; with `--real` each file is given to a command of its o
 of a service that is started for it. What counts: solutions, exceptions and tracebacks, answers against the
 contract of the door (no reason, a file that says "solved"), and the most memory that was resident.
 
-With ``--into`` the outcome of each part is a line of that file, and what stands there is not done again: a run
-of 10,000 may be ended and begun as often as one likes. A file of another state of the code is refused.
+With ``--into`` the outcome of each part is a line of that file, and what stands there is not done again: a
+run of 10,000 may be ended and begun as often as one likes. A file of another state of the code is refused.
 """
 
 from __future__ import annotations
