@@ -207,36 +207,6 @@ FOLDER_MODE = 0o700
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file at once or not at all: readers see the old content or the new one, never a part.
-
-    A file that is there keeps its mode; a link is followed, so that what it points to is replaced.
-
-    Raises
-    ------
-    OSError
-        It can't be written; what was there is there still.
-    """
-    target = path.resolve()
-    try:
-        mode = stat.S_IMODE(target.stat().st_mode)
-    except FileNotFoundError:
-        umask = os.umask(0)
-        os.umask(umask)
-        mode = 0o666 & ~umask
-    descriptor, name = tempfile.mkstemp(prefix=f".{target.name[:100]}.", dir=target.parent)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            os.fchmod(file.fileno(), mode)
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(name, target)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-
-
 def make_private(path: Path) -> None:
     """Make a file if there is none, and close it to others if it is ours. Raises OSError."""
     number = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC, FILE_MODE)

@@ -28,7 +28,10 @@ class Host(Protocol):
         ...
 
     def write(self, path: str, content: bytes) -> None:
-        """Write a whole file at once, or not at all; one that is there keeps its mode. Raises `OSError`."""
+        """Write a whole file at once, or not at all; one that is there keeps its mode.
+
+        The null device takes all; anything else that is no plain file is refused. Raises `OSError`.
+        """
         ...
 
     def exists(self, path: str) -> bool:
@@ -132,9 +135,10 @@ class LocalHost:
 
     def write(self, path: str, content: bytes) -> None:
         """As `Host.write`."""
-        from mountnav.files import write_whole
+        from mountnav.files import replace_bytes
 
-        write_whole(Path(path), content)
+        if os.path.realpath(path) != os.devnull:
+            replace_bytes(Path(path), content)
 
     def exists(self, path: str) -> bool:
         """As `Host.exists`."""
