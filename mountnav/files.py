@@ -145,6 +145,18 @@ def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
     return read_bytes(path, most_bytes).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
 
 
+def require_replaceable(path: Path) -> None:
+    """Raise `OSError` if something is there that is no plain file: another file shall not take its place.
+
+    Who may write to the folder of devices, as root may, would else put a plain file where ``/dev/null`` was.
+    """
+    with suppress(FileNotFoundError):
+        mode = path.stat().st_mode
+        for is_kind, number, what in _KINDS:
+            if is_kind(mode):
+                raise OSError(number, what, str(path))
+
+
 def replace_bytes(path: Path, content: bytes | bytearray | memoryview) -> None:
     """Write a file at once or not at all: no reader ever sees half of it, and a full disk leaves the old one.
 
@@ -168,7 +180,10 @@ def replace_bytes(path: Path, content: bytes | bytearray | memoryview) -> None:
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     except FileNotFoundError:
         found = None
-    number, name = tempfile.mkstemp(dir=target.parent, prefix=_WAITING)
+    try:
+        number, name = tempfile.mkstemp(dir=target.parent, prefix=_WAITING)
+    except OSError as fault:  # of the file that was asked for, not of one that nobody knows
+        raise OSError(fault.errno, fault.strerror, str(path)) from fault
     try:
         with FileIO(number, "wb", closefd=True) as file:
             left = memoryview(content)

@@ -7,6 +7,8 @@ in the caller's folder.
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import stat
 import sys
@@ -35,11 +37,14 @@ class Host(Protocol):
         ...
 
     def exists(self, path: str) -> bool:
-        """Whether there is such a file."""
+        """Whether there is such a file; the null device counts as none."""
         ...
 
     def remove(self, path: str) -> None:
-        """Remove a file; one that isn't there is no error. Raises `OSError`."""
+        """Remove a plain file or a link; one that isn't there is no error, and the null device stays.
+
+        Raises `OSError`.
+        """
         ...
 
     def make_folder(self, path: str) -> None:
@@ -142,11 +147,16 @@ class LocalHost:
 
     def exists(self, path: str) -> bool:
         """As `Host.exists`."""
-        return os.path.exists(path)
+        return os.path.exists(path) and os.path.realpath(path) != os.devnull
 
     def remove(self, path: str) -> None:
         """As `Host.remove`."""
-        Path(path).unlink(missing_ok=True)
+        if os.path.realpath(path) == os.devnull:
+            return
+        with contextlib.suppress(FileNotFoundError):
+            if not stat.S_ISREG(mode := os.lstat(path).st_mode) and not stat.S_ISLNK(mode):
+                raise OSError(errno.EINVAL, "it is not a regular file", path)
+            os.unlink(path)
 
     def make_folder(self, path: str) -> None:
         """As `Host.make_folder`."""

@@ -171,14 +171,11 @@ class Talk:
             written(path, text)
             self.send(b"K")
         elif kind == b"X":
-            self.send(b"K", b"1" if os.path.exists(content) else b"0")
+            there = os.path.exists(content) and os.path.realpath(content) != b"/dev/null"
+            self.send(b"K", b"1" if there else b"0")
         elif kind == b"R":
             self.done_anything = True
-            # contextlib would have to be imported
-            try:  # noqa: SIM105
-                os.unlink(content)
-            except FileNotFoundError:
-                pass
+            removed(content)
             self.send(b"K")
         elif kind == b"D":
             self.done_anything = True
@@ -264,6 +261,19 @@ def written(path: bytes, content: bytes) -> None:
     except BaseException:
         os.unlink(between)
         raise
+
+
+def removed(path: bytes) -> None:
+    """Remove a plain file or a link; one that isn't there is no error, and the null device stays."""
+    if os.path.realpath(path) == b"/dev/null":
+        return
+    try:
+        mode = os.lstat(path).st_mode & 0o170000
+        if mode not in (0o100000, 0o120000):
+            raise OSError(22, "it is not a regular file")
+        os.unlink(path)
+    except FileNotFoundError:
+        pass
 
 
 def started_daemon() -> None:

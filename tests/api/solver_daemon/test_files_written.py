@@ -30,12 +30,39 @@ def test_a_name_may_be_as_long_as_names_can_be(tmp_path: Path, write: Write, nam
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-def test_the_null_device_takes_all_and_stays_what_it_is(tmp_path: Path, write: Write) -> None:
+@pytest.fixture(params=["stub", "alone"])
+def remove(request: pytest.FixtureRequest) -> Callable[[Path], None]:
+    """Both ways."""
+    if request.param == "stub":
+        return lambda path: stub.removed(os.fsencode(path))
+    return lambda path: LocalHost().remove(str(path))
+
+
+def test_the_null_device_takes_all_and_stays_what_it_is(
+    tmp_path: Path, write: Write, remove: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # whoever runs this as root shall keep it, whatever is wrong
+    for name in ("replace", "rename", "unlink"):
+        monkeypatch.setattr(os, name, lambda *given, **_: pytest.fail(f"{given}"))
     (tmp_path / "link").symlink_to("/dev/null")
-    write(Path("/dev/null"), b"content")
-    write(tmp_path / "link", b"content")
+    for path in (tmp_path / "link", Path("/dev/null")):
+        write(path, b"content")
+        remove(path)
+        assert not LocalHost().exists(str(path))
     assert Path("/dev/null").is_char_device()
-    assert (tmp_path / "link").is_symlink()
+
+
+def test_what_is_no_file_is_not_removed(tmp_path: Path, remove: Callable[[Path], None]) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    for name in ("pipe", "folder"):
+        with pytest.raises(OSError):
+            remove(tmp_path / name)
+    (tmp_path / "link").symlink_to("pipe")
+    (tmp_path / "file").touch()
+    for name in ("link", "file", "none"):
+        remove(tmp_path / name)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["folder", "pipe"]
 
 
 @pytest.mark.parametrize("kind", ["folder", "pipe", "device"])
