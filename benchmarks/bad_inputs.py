@@ -1,6 +1,7 @@
 """Send files that hold no sky through the solver's doors: none may be solved, none may break anything.
 
 Run: python -m benchmarks.bad_inputs [--first 0] [--inputs 1000] [--doors astap,solve] [--real] [--told]
+     [--into FILE]
 
 Each seed draws one file: a FITS file, picture, XISF file, packed file or list of stars, broken or made to
 lie, or a frame or list whose stars never stood so in any sky: at random, on grids, on lines, in combs, or
@@ -10,6 +11,9 @@ In this process the doors are called as their commands call them (`astap`, `solv
 each seed at one of them; with `--real` each file is given to a command of its own process, or to the nova API
 of a service that is started for it. What counts: solutions, exceptions and tracebacks, answers against the
 contract of the door (no reason, a file that says "solved"), and the most memory that was resident.
+
+With ``--into`` the outcome of each part is a line of that file, and what stands there is not done again: a
+run of 10,000 may be ended and begun as often as one likes. A file of another state of the code is refused.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ import argparse
 import bz2
 import contextlib
 import gzip
+import hashlib
 import io
 import json
 import lzma
@@ -39,6 +44,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from astropy.io import fits
@@ -830,6 +836,66 @@ def _run_real(seeds: range) -> Tally:
     return tally
 
 
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """What came of parts of a run, a line of a file each.
+
+    Attributes
+    ----------
+    path : Path
+    how : str
+        The doors, and which state of the code asked them.
+    """
+
+    path: Path
+    how: str
+
+    @classmethod
+    def at(cls, path: Path, doors: str) -> Kept:
+        """The file of that path, begun or to be begun.
+
+        Raises
+        ------
+        SystemExit
+            Other doors or another state of the code stand in it.
+        """
+        root, digest = Path(__file__).parents[1], hashlib.sha256()
+        for folder in ("mountnav", "drivers", "api"):
+            for source in sorted((root / folder).rglob("*.py")):
+                digest.update(source.read_bytes())
+        digest.update(Path(__file__).read_bytes())
+        kept = cls(path, f"{doors} {digest.hexdigest()[:16]}")
+        if any(one["how"] != kept.how for one in kept._lines()):
+            raise SystemExit(f"{path} is of other doors or another state of the code: give another file")
+        return kept
+
+    def _lines(self) -> list[dict[str, Any]]:
+        found = []
+        for line in self.path.read_text().splitlines() if self.path.exists() else ():
+            with contextlib.suppress(ValueError):  # cut short when the run was ended
+                found.append(json.loads(line))
+        return found
+
+    def tally(self, part: range) -> Tally | None:
+        """What came of a part; None if it wasn't done."""
+        for one in self._lines():
+            if (one["first"], one["stop"]) == (part.start, part.stop):
+                return Tally(Counter(one["asked"]), one["bad"], one["most_mb"])
+        return None
+
+    def add(self, part: range, tally: Tally) -> None:
+        """Keep what came of a part."""
+        line = {"how": self.how, "first": part.start, "stop": part.stop, "asked": dict(tally.asked)}
+        # a line that was cut short has no end: the new one begins on a line of its own
+        with self.path.open("a+b") as file:
+            begun = file.seek(0, os.SEEK_END)
+            if begun:
+                file.seek(begun - 1)
+            cut = bool(begun) and file.read(1) != b"\n"
+            told = json.dumps(line | {"bad": tally.bad, "most_mb": tally.most_mb})
+            file.write(("\n" * cut + told + "\n").encode())
+
+
 def _parts(first: int, count: int, each: int) -> Iterator[range]:
     for start in range(first, first + count, each):
         yield range(start, min(start + each, first + count))
@@ -843,15 +909,22 @@ def main() -> None:
     parser.add_argument("--doors", default=",".join(DOORS))
     parser.add_argument("--real", action="store_true", help="commands and a service of their own processes")
     parser.add_argument("--told", action="store_true", help="the counts of each kind and door")
+    parser.add_argument("--into", type=Path, help="a file that keeps the outcomes, and goes on from them")
     given = parser.parse_args()
     tally = Tally()
+    doors = "real" if given.real else given.doors
+    kept = None if given.into is None else Kept.at(given.into, doors)
     for part in _parts(given.first, given.inputs, EACH_PROCESS):
         # a process for each part, as memory that was once taken says nothing of the files after it
-        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-            if given.real:
-                found = pool.submit(_run_real, part).result()
-            else:
-                found = pool.submit(run_here, part, tuple(given.doors.split(","))).result()
+        found = None if kept is None else kept.tally(part)
+        if found is None:
+            with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+                if given.real:
+                    found = pool.submit(_run_real, part).result()
+                else:
+                    found = pool.submit(run_here, part, tuple(given.doors.split(","))).result()
+            if kept is not None:
+                kept.add(part, found)
         tally.add(found)
         spent = resource.getrusage(resource.RUSAGE_CHILDREN)
         print(

@@ -1,6 +1,7 @@
 """Table 1 of [S23 §4] again, on drawn frames of ISON-NM: what part of the deviations is whose.
 
 Run: python -m benchmarks.table1 [--measurements 30000] [--epoch 2013.45] [--factor 1] [--plot DIR]
+     [--catalog gaia-bright] [--catalog-sigma 0.03]
 """
 
 from __future__ import annotations
@@ -157,6 +158,7 @@ def reduced(
     sky: ErringCatalog,
     when: datetime,
     center: Icrs | None = None,
+    catalog_sigma_arcsec: float = math.inf,
 ) -> Reduced | str:
     """Draw and reduce a frame of a random field; the number fixes everything about it."""
     chance = np.random.default_rng((SEED, number))
@@ -177,7 +179,7 @@ def reduced(
         return f"{verdict.reason}: {verdict.detail}"
     return Reduced(
         solution=solution,
-        deviations=deviations(solution),
+        deviations=deviations(solution, catalog_sigma_arcsec=catalog_sigma_arcsec),
         parts=parts_of(solution, center, optics, catalog, sky, when),
         center_error_px=separation_arcsec(solution.center, center) / scale,
     )
@@ -267,7 +269,12 @@ def report(done: list[Reduced], refused: list[str], when: datetime, factor: floa
 
 
 def run(
-    measurements: int, when: datetime, factor: float, optics: SimulatedOptics, name: str | None = None
+    measurements: int,
+    when: datetime,
+    factor: float,
+    optics: SimulatedOptics,
+    name: str | None = None,
+    catalog_sigma_arcsec: float = math.inf,
 ) -> tuple[list[Reduced], list[str], float]:
     """Frames of random fields until there are enough measurements."""
     catalog = embedded_catalog() if name is None else opened_catalog(name, catalogs_folder())
@@ -276,7 +283,8 @@ def run(
     refused: list[str] = []
     pairs, began = 0, time.monotonic()
     while pairs < measurements:
-        one = reduced(len(done) + len(refused), optics, catalog, sky, when)
+        number = len(done) + len(refused)
+        one = reduced(number, optics, catalog, sky, when, catalog_sigma_arcsec=catalog_sigma_arcsec)
         if isinstance(one, str):
             refused.append(one)
         else:
@@ -291,11 +299,23 @@ def main() -> None:
     parser.add_argument("--epoch", type=float, default=2013.45, help="Julian year of the frames")
     parser.add_argument("--factor", type=float, default=1.0, help="true catalog errors over the stated ones")
     parser.add_argument("--catalog", help="an imported one (gaia-bright) instead of the embedded one")
+    parser.add_argument(
+        "--catalog-sigma",
+        type=float,
+        default=math.inf,
+        metavar="ARCSEC",
+        help="count only stars that the catalog states to be placed at least so well",
+    )
     parser.add_argument("--plot", type=Path, help="write histograms and a residual map into this folder")
     asked = parser.parse_args()
     when = datetime(2000, 1, 1, 12, tzinfo=UTC) + timedelta(days=365.25 * (asked.epoch - 2000.0))
     done, refused, wall_s = run(
-        asked.measurements, when, asked.factor, optics_preset("ison-nm"), asked.catalog
+        asked.measurements,
+        when,
+        asked.factor,
+        optics_preset("ison-nm"),
+        asked.catalog,
+        asked.catalog_sigma,
     )
     print(report(done, refused, when, asked.factor, wall_s))
     if asked.plot is not None:

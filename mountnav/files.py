@@ -146,6 +146,18 @@ def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
     return read_bytes(path, most_bytes).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
 
 
+def require_replaceable(path: Path) -> None:
+    """Raise `OSError` if something is there that is no plain file: another file shall not take its place.
+
+    Who may write to the folder of devices, as root may, would else put a plain file where ``/dev/null`` was.
+    """
+    with suppress(FileNotFoundError):
+        mode = path.stat().st_mode
+        for is_kind, number, what in _KINDS:
+            if is_kind(mode):
+                raise OSError(number, what, str(path))
+
+
 def replace_bytes(path: Path, content: bytes | bytearray | memoryview) -> None:
     """Write a file at once or not at all: no reader ever sees half of it, and a full disk leaves the old one.
 
@@ -169,7 +181,10 @@ def replace_bytes(path: Path, content: bytes | bytearray | memoryview) -> None:
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     except FileNotFoundError:
         found = None
-    number, name = tempfile.mkstemp(dir=target.parent, prefix=_WAITING)
+    try:
+        number, name = tempfile.mkstemp(dir=target.parent, prefix=_WAITING)
+    except OSError as fault:  # of the file that was asked for, not of one that nobody knows
+        raise OSError(fault.errno, fault.strerror, str(path)) from fault
     try:
         with FileIO(number, "wb", closefd=True) as file:
             left = memoryview(content)
@@ -206,36 +221,6 @@ FILE_MODE = 0o600
 FOLDER_MODE = 0o700
 """The same of a folder."""
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file at once or not at all: readers see the old content or the new one, never a part.
-
-    A file that is there keeps its mode; a link is followed, so that what it points to is replaced.
-
-    Raises
-    ------
-    OSError
-        It can't be written; what was there is there still.
-    """
-    target = path.resolve()
-    try:
-        mode = stat.S_IMODE(target.stat().st_mode)
-    except FileNotFoundError:
-        umask = os.umask(0)
-        os.umask(umask)
-        mode = 0o666 & ~umask
-    descriptor, name = tempfile.mkstemp(prefix=f".{target.name[:100]}.", dir=target.parent)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            os.fchmod(file.fileno(), mode)
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(name, target)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
 
 
 def make_private(path: Path) -> None:

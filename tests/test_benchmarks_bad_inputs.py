@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from pathlib import Path
 
 import pytest
 
-from benchmarks.bad_inputs import DOORS, KINDS, bad_input, run_here
+from benchmarks.bad_inputs import DOORS, KINDS, Kept, Tally, bad_input, run_here
 
 FIRST = 40_120
 """Seeds that the figures of the benchmark don't use, and of which few draw every kind."""
@@ -25,3 +27,16 @@ def test_no_bad_file_of_any_kind_is_solved_or_breaks_a_door(sky_index: object) -
     assert tally.bad == []
     assert sum(tally.asked.values()) == COUNT
     assert {name.split(": ")[1] for name in tally.asked} == set(KINDS)
+
+
+def test_a_run_goes_on_from_what_is_kept(tmp_path: Path) -> None:
+    kept = Kept.at(tmp_path / "kept", "astap")
+    one = Tally(Counter({"astap: noise": 2}), ["seed 1"], 40.0)
+    kept.add(range(2), one)
+    with (tmp_path / "kept").open("a") as file:
+        file.write('{"how": "cut sho')
+    kept.add(range(2, 4), one)
+    again = Kept.at(tmp_path / "kept", "astap")
+    assert [again.tally(part) for part in (range(2), range(2, 4), range(4, 6))] == [one, one, None]
+    with pytest.raises(SystemExit, match="other doors"):
+        Kept.at(tmp_path / "kept", "solve")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mountnav.files import replace_bytes
+from mountnav.files import replace_bytes, require_replaceable
 
 
 def test_a_new_file_has_the_mode_that_the_umask_leaves(tmp_path: Path) -> None:
@@ -53,8 +53,12 @@ def test_what_is_no_file_is_refused_and_left_alone(tmp_path: Path, kind: str) ->
     else:
         path = path / "file"
     before = sorted(tmp_path.iterdir())
-    with pytest.raises(OSError):
+    with pytest.raises(OSError) as raised:
         replace_bytes(path, b"content")
+    if kind != "missing folder":
+        with pytest.raises(OSError):
+            require_replaceable(path)
+    assert raised.value.filename in (str(path), str(path.resolve())), "not of a file that nobody knows"
     assert sorted(tmp_path.iterdir()) == before
     assert Path("/dev/null").is_char_device()
 
@@ -66,3 +70,10 @@ def test_a_file_that_may_not_be_written_is_not_replaced(tmp_path: Path) -> None:
     with pytest.raises(PermissionError):
         replace_bytes(tmp_path / "file", b"new")
     assert (tmp_path / "file").read_bytes() == b"old"
+
+
+def test_files_and_nothing_may_be_replaced(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to("nowhere")
+    for name in ("file", "link", "none"):
+        require_replaceable(tmp_path / name)

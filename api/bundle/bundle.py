@@ -24,7 +24,7 @@ from typing import Any
 
 from api.bundle.form import FORM, MANIFEST, recording_name
 from mountnav.errors import BadRequest, BadSettings, MountnavError
-from mountnav.files import FILE_MODE
+from mountnav.files import FILE_MODE, require_replaceable
 from mountnav.journal.reading import JournalReader, Wanted
 from mountnav.journal.wording import as_json
 from mountnav.night.morning_report import report_of
@@ -108,6 +108,7 @@ def make_bundle(asked: Asked, target: Path, utc: datetime) -> Bundled:
     """
     part = target.with_name(f".{target.name}.part")
     try:
+        require_replaceable(target)
         with open(part, "xb", opener=_private) as file, zipfile.ZipFile(file, "w", _PACKED) as archive:
             found = _Writer(archive, asked, utc).write()
         os.replace(part, target)

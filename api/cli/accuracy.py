@@ -36,6 +36,12 @@ def accuracy(
     leave_one_out: Annotated[
         bool, typer.Option("--leave-one-out", help="Each pair against a plate fit without it.")
     ] = False,
+    catalog_sigma: Annotated[
+        float | None,
+        typer.Option(
+            metavar="ARCSEC", help="Only stars that the catalog states to be placed at least so well."
+        ),
+    ] = None,
     calibration: Calibration = None,
     profile: Profile = None,
     config: Config = None,
@@ -61,6 +67,12 @@ def accuracy(
     settings = chosen_settings(config=config, profile=profile, budget_s=None, calibration=calibration)
     shelf = chosen_shelf(config, catalog)
     percents = rejected_percents(reject)
+    sigma_arcsec = math.inf if catalog_sigma is None else catalog_sigma
+    if not sigma_arcsec > 0.0:
+        raise BadRequest(
+            f"--catalog-sigma {catalog_sigma}: not above zero",
+            advice="arcseconds, such as 0.03 with the catalog gaia-bright",
+        )
     if as_json and as_markdown:
         raise BadRequest("--json and --markdown together", advice="give one or the other")
     hint = asked_hint(ra, dec, radius, scale)
@@ -72,7 +84,13 @@ def accuracy(
         with extra("plots", "plots"):
             from api.cli.accuracy_plots import write_plots
     outcomes = [(shown(path), _outcome(path, solver)) for path in frames]
-    record = accuracy_record(outcomes, percents, every=all_pairs, leave_one_out=leave_one_out)
+    record = accuracy_record(
+        outcomes,
+        percents,
+        every=all_pairs,
+        leave_one_out=leave_one_out,
+        catalog_sigma_arcsec=sigma_arcsec,
+    )
     if as_json:
         sys.stdout.write(record.model_dump_json() + "\n")
     elif as_markdown:
@@ -81,7 +99,13 @@ def accuracy(
         _show(record)
     if plot is not None and record.solved:
         solutions = [outcome for _, outcome in outcomes if isinstance(outcome, Solution)]
-        for path in write_plots(solutions, plot, every=all_pairs, leave_one_out=leave_one_out):
+        for path in write_plots(
+            solutions,
+            plot,
+            every=all_pairs,
+            leave_one_out=leave_one_out,
+            catalog_sigma_arcsec=sigma_arcsec,
+        ):
             sys.stderr.write(f"{path}\n")
     raise typer.Exit(0 if record.solved == len(record.frames) else 1)
 
@@ -127,6 +151,11 @@ def _notes(record: AccuracyRecord) -> Iterator[str]:
         "all pairs, also those rejected by their deviation" if record.every_pair else "the pairs in the fit"
     )
     yield f"Measured minus catalog, {pairs}; Δmag by each frame's own zero point and color term."
+    if record.catalog_sigma_arcsec is not None:
+        yield (
+            f"Only stars that the catalog states to be placed to {record.catalog_sigma_arcsec:g}″ or better; "
+            "the plates are fit to all, by their stated errors."
+        )
     if record.leave_one_out:
         yield "Each pair against a plate that was fit without it (leave one out)."
     elif record.fit_factor is not None:

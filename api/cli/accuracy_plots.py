@@ -36,7 +36,12 @@ _BAR, _CURVE, _ARROW = "#4c78a8", "#d1495b", "#22577a"
 
 
 def write_plots(
-    solutions: Sequence[Solution], folder: Path, *, every: bool = False, leave_one_out: bool = False
+    solutions: Sequence[Solution],
+    folder: Path,
+    *,
+    every: bool = False,
+    leave_one_out: bool = False,
+    catalog_sigma_arcsec: float = math.inf,
 ) -> list[Path]:
     """Write `histograms.png`, and a `residuals-WxH.png` for each size of frame.
 
@@ -47,6 +52,7 @@ def write_plots(
     folder : Path
         Exists.
     every, leave_one_out : bool
+    catalog_sigma_arcsec : float
         See `mountnav.identification.accuracy.deviations`.
 
     Returns
@@ -57,7 +63,12 @@ def write_plots(
     by_size: dict[tuple[int, int], list[Deviations]] = {}
     for solution in solutions:
         size = (int(solution.wcs["IMAGEW"]), int(solution.wcs["IMAGEH"]))
-        found = deviations(solution, every=every, leave_one_out=leave_one_out)
+        found = deviations(
+            solution,
+            every=every,
+            leave_one_out=leave_one_out,
+            catalog_sigma_arcsec=catalog_sigma_arcsec,
+        )
         by_size.setdefault(size, []).append(found)
     parts = [part for group in by_size.values() for part in group]
     written = [folder / "histograms.png"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from pydantic import BaseModel, Field
 
 from api.cli.output import finite_or_none
@@ -76,6 +78,9 @@ class AccuracyRecord(BaseModel):
     catalog: str
     every_pair: bool = Field(description="Also the pairs that K_rej rejected")
     leave_one_out: bool
+    catalog_sigma_arcsec: float | None = Field(
+        default=None, description="Only stars whose place the catalog states to be at least so good"
+    )
     fit_factor: float | None
     overall: list[RowRecord]
 
@@ -86,17 +91,23 @@ def accuracy_record(
     *,
     every: bool,
     leave_one_out: bool,
+    catalog_sigma_arcsec: float = math.inf,
 ) -> AccuracyRecord:
     """The record of a run, of each file and its solution or the reason why there is none.
 
-    `every` and `leave_one_out` are those of `mountnav.identification.accuracy.deviations`.
+    `every`, `leave_one_out` and `catalog_sigma_arcsec`: see `mountnav.identification.accuracy.deviations`.
     """
     frames, parts, parameters, pairs = [], [], 0.0, 0
     for file, outcome in outcomes:
         if isinstance(outcome, str):
             frames.append(FrameAccuracy(file=file, solved=False, reason=outcome))
             continue
-        found = deviations(outcome, every=every, leave_one_out=leave_one_out)
+        found = deviations(
+            outcome,
+            every=every,
+            leave_one_out=leave_one_out,
+            catalog_sigma_arcsec=catalog_sigma_arcsec,
+        )
         parts.append(found)
         free = float(outcome.identified.leverage.sum())
         parameters, pairs = parameters + free, pairs + outcome.pairs
@@ -118,6 +129,7 @@ def accuracy_record(
         catalog=", ".join(sorted(catalogs)),
         every_pair=every,
         leave_one_out=leave_one_out,
+        catalog_sigma_arcsec=catalog_sigma_arcsec if math.isfinite(catalog_sigma_arcsec) else None,
         fit_factor=fit_factor(pairs, parameters) if parts else None,
         overall=[_row(row) for row in accuracy_table(pooled(parts), rejected_percent)],
     )

@@ -11,6 +11,7 @@ import typer
 from api.cli.options import Json, ManyValues
 from api.cli.output import print_json, refusing_os_errors
 from mountnav.errors import BadFrame, BadRequest
+from mountnav.files import require_replaceable
 
 if TYPE_CHECKING:
     from mountnav.frames import Frame
@@ -196,6 +197,7 @@ def _write(target: Path, frame: Frame, report: CalibrationReport) -> None:
             header.add_history(line.encode("ascii", "replace").decode())
         hdu = fits.PrimaryHDU(np.ascontiguousarray(frame.pixels, dtype=np.float32), header)
         part = target.with_name(f".{target.name}.part")
+        require_replaceable(target)
         try:
             hdu.writeto(part, overwrite=True, output_verify="silentfix+ignore")
             part.replace(target)

@@ -7,6 +7,8 @@ in the caller's folder.
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import stat
 import sys
@@ -28,15 +30,21 @@ class Host(Protocol):
         ...
 
     def write(self, path: str, content: bytes) -> None:
-        """Write a whole file at once, or not at all; one that is there keeps its mode. Raises `OSError`."""
+        """Write a whole file at once, or not at all; one that is there keeps its mode.
+
+        The null device takes all; anything else that is no plain file is refused. Raises `OSError`.
+        """
         ...
 
     def exists(self, path: str) -> bool:
-        """Whether there is such a file."""
+        """Whether there is such a file; the null device counts as none."""
         ...
 
     def remove(self, path: str) -> None:
-        """Remove a file; one that isn't there is no error. Raises `OSError`."""
+        """Remove a plain file or a link; one that isn't there is no error, and the null device stays.
+
+        Raises `OSError`.
+        """
         ...
 
     def make_folder(self, path: str) -> None:
@@ -132,17 +140,23 @@ class LocalHost:
 
     def write(self, path: str, content: bytes) -> None:
         """As `Host.write`."""
-        from mountnav.files import write_whole
+        from mountnav.files import replace_bytes
 
-        write_whole(Path(path), content)
+        if os.path.realpath(path) != os.devnull:
+            replace_bytes(Path(path), content)
 
     def exists(self, path: str) -> bool:
         """As `Host.exists`."""
-        return os.path.exists(path)
+        return os.path.exists(path) and os.path.realpath(path) != os.devnull
 
     def remove(self, path: str) -> None:
         """As `Host.remove`."""
-        Path(path).unlink(missing_ok=True)
+        if os.path.realpath(path) == os.devnull:
+            return
+        with contextlib.suppress(FileNotFoundError):
+            if not stat.S_ISREG(mode := os.lstat(path).st_mode) and not stat.S_ISLNK(mode):
+                raise OSError(errno.EINVAL, "it is not a regular file", path)
+            os.unlink(path)
 
     def make_folder(self, path: str) -> None:
         """As `Host.make_folder`."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from api.solver_commands.registry import NAMES
 from api.solver_daemon import stub
 from mountnav.errors import BadRequest
-from mountnav.files import write_whole
+from mountnav.files import replace_bytes
 
 MARK = "# a command of mountnav's plate solver; written by `mountnav solver install`"
 """Line that tells our files from others."""
@@ -76,7 +76,7 @@ def install(folder: Path, names: Iterable[str] = NAMES, *, force: bool = False) 
                 continue
             if path.is_symlink():
                 path.unlink()  # never write through a link into somebody else's program
-            write_whole(path, text)
+            replace_bytes(path, text)
             path.chmod(_EXECUTABLE)
             written.append(path)
     except OSError as fault:

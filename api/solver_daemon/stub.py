@@ -171,14 +171,11 @@ class Talk:
             written(path, text)
             self.send(b"K")
         elif kind == b"X":
-            self.send(b"K", b"1" if os.path.exists(content) else b"0")
+            there = os.path.exists(content) and os.path.realpath(content) != b"/dev/null"
+            self.send(b"K", b"1" if there else b"0")
         elif kind == b"R":
             self.done_anything = True
-            # contextlib would have to be imported
-            try:  # noqa: SIM105
-                os.unlink(content)
-            except FileNotFoundError:
-                pass
+            removed(content)
             self.send(b"K")
         elif kind == b"D":
             self.done_anything = True
@@ -232,13 +229,24 @@ def printed(number: int, content: bytes) -> None:
 
 
 def written(path: bytes, content: bytes) -> None:
-    """Write a file at once or not at all; one that is there keeps its mode, and links are followed."""
+    """Write a file at once or not at all; one that is there keeps its mode, and links are followed.
+
+    The null device takes all. Anything else that is no plain file, or may not be written, is refused: in its
+    place would stand a plain file afterwards.
+    """
     path = os.path.realpath(path)
+    if path == b"/dev/null":
+        return
     try:
-        mode = os.stat(path).st_mode & 0o7777
+        mode = os.stat(path).st_mode
     except FileNotFoundError:
         mode = None
-    between = path + b".%d.part" % os.getpid()
+    if mode is not None and mode & 0o170000 != 0o100000:
+        raise OSError(22, "it is not a regular file")
+    if mode is not None and not os.access(path, os.W_OK):
+        raise PermissionError(13, "Permission denied")
+    # short, as the name itself may be as long as names can be; and never one that a killed call left behind
+    between = os.path.join(os.path.dirname(path), b".mountnav-" + os.urandom(8).hex().encode())
     number = os.open(between, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
     try:
         try:
@@ -246,13 +254,26 @@ def written(path: bytes, content: bytes) -> None:
             while left:
                 left = left[os.write(number, left) :]
             if mode is not None:
-                os.chmod(number, mode)
+                os.chmod(number, mode & 0o7777)
         finally:
             os.close(number)
         os.replace(between, path)
     except BaseException:
         os.unlink(between)
         raise
+
+
+def removed(path: bytes) -> None:
+    """Remove a plain file or a link; one that isn't there is no error, and the null device stays."""
+    if os.path.realpath(path) == b"/dev/null":
+        return
+    try:
+        mode = os.lstat(path).st_mode & 0o170000
+        if mode not in (0o100000, 0o120000):
+            raise OSError(22, "it is not a regular file")
+        os.unlink(path)
+    except FileNotFoundError:
+        pass
 
 
 def started_daemon() -> None:
@@ -275,6 +296,14 @@ def alone(name: str, arguments: list[str]) -> "NoReturn":
     os.execv(sys.executable, [sys.executable, "-P", "-m", "api.solver_daemon.alone", name, *arguments])
 
 
+def current_folder() -> str:
+    """The current folder; nothing where somebody has removed it: whole paths work all the same."""
+    try:
+        return os.getcwd()
+    except OSError:
+        return ""
+
+
 def run(name: str, arguments: list[str]) -> int:
     """Run a command by its name; the exit code."""
     wanted = os.environ.get("MOUNTNAV_SOLVER", "")
@@ -289,7 +318,7 @@ def run(name: str, arguments: list[str]) -> int:
     talk = Talk(link)
     try:
         shown = proven(link, token) if token else ""
-        hello = [VERSION, shown, os.getcwd(), name, *arguments]
+        hello = [VERSION, shown, current_folder(), name, *arguments]
         talk.send(b"H", "\0".join(hello).encode("utf-8", "surrogateescape"))
         code = talk.carried_out()
     except Gone:

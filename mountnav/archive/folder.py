@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import Any
 
 from mountnav.errors import BadRequest, NotFound
-from mountnav.files import read_text, write_whole
+from mountnav.files import read_text, replace_bytes
 
 FORMAT = "mountnav-archive"
 VERSION = 1
@@ -254,7 +254,7 @@ def read_json(path: Path, *, missing: str = "") -> dict[str, Any]:
 
 def write_json(path: Path, value: dict[str, Any]) -> None:
     """Write a JSON object, whole or not at all. Raises `OSError`."""
-    write_whole(path, as_json(value))
+    replace_bytes(path, as_json(value))
 
 
 def as_json(value: dict[str, Any]) -> bytes:

@@ -94,7 +94,13 @@ class AccuracyRow:
     mag: Indicators
 
 
-def deviations(solution: Solution, *, every: bool = False, leave_one_out: bool = False) -> Deviations:
+def deviations(
+    solution: Solution,
+    *,
+    every: bool = False,
+    leave_one_out: bool = False,
+    catalog_sigma_arcsec: float = math.inf,
+) -> Deviations:
     """Deviations of a solution's pairs, measured through its own WCS.
 
     Parameters
@@ -104,6 +110,9 @@ def deviations(solution: Solution, *, every: bool = False, leave_one_out: bool =
     leave_one_out : bool
         Give each pair of the fit the deviation from a plate that was fit without it: that of a star that had
         no part in the fit, with the plate's own error in it. See `fit_factor`.
+    catalog_sigma_arcsec : float
+        Only pairs whose star's place the catalog states to be at least so good: where fainter stars are known
+        worse than the camera measures them, their deviations are the catalog's. The plate stays as it is.
     """
     pairs = solution.identified
     ra_deg, dec_deg = places_at_pixels(solution.wcs, pairs.x_px, pairs.y_px)
@@ -118,6 +127,8 @@ def deviations(solution: Solution, *, every: bool = False, leave_one_out: bool =
         along_x, along_y = along_x * stretch, along_y * stretch
     chosen = np.ones(len(pairs), dtype=bool) if every else pairs.used.copy()
     chosen &= np.isfinite(east) & np.isfinite(north)
+    if math.isfinite(catalog_sigma_arcsec):
+        chosen &= pairs.catalog_sigma_arcsec <= catalog_sigma_arcsec
     return Deviations(
         ra_arcsec=east[chosen],
         dec_arcsec=north[chosen],

@@ -16,6 +16,8 @@ Index = NDArray[np.int64]
 
 SIMILARITY = 0
 """Degree that stands for a similarity: four parameters, for frames with a handful of stars."""
+CUBIC = 3
+"""The highest degree that is fit whole; of the fifth a plate may have the radial term besides."""
 INVERSE_PX = 1e-7
 """Newton's steps of the inverse end when one is smaller than this, pixels: far below any centroid's error,
 far above double precision."""
@@ -57,7 +59,8 @@ class Plate:
     unit_px : float
         Pixels are divided by this, so that powers stay tame.
     degree : int
-        0 similarity, 1 linear, 2 quadratic, 3 cubic.
+        0 similarity, 1 linear, 2 quadratic, 3 cubic, 5 for a cubic with a lens' fifth order; more for a lens
+        that is written as a polynomial.
     parity : int
         +1 sky as seen, -1 mirrored.
     xi, eta : ndarray, shape (len(powers(degree)),)

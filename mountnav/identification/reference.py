@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mountnav.catalog.stars import Stars
 from mountnav.identification.camera_fit import CameraFit, fit_camera
 from mountnav.identification.distortion import Belief
+from mountnav.identification.fifth_order import fifth_order
 from mountnav.identification.pairing import Candidates, Pairs, within_k_rej
 from mountnav.identification.plate import SIMILARITY, Plate
 from mountnav.identification.settings import IdentificationSettings
@@ -491,22 +492,29 @@ class Selection:
         return None if held is None else self._reference(held, self._centered(held))
 
     def _reference(self, held: _Held, fit: CameraFit, *, rough: bool = False) -> Reference:
-        dxi, deta = self._candidates.residuals(fit.plate, held.kept)
+        plate, influence = fit.plate, fit.influence
+        leverage, covariance = influence.leverage, influence.center_covariance_arcsec2
+        dxi, deta = self._candidates.residuals(plate, held.kept)
+        more = None
+        if not rough:
+            x_px, y_px = self._candidates.seen(held.kept)
+            more = fifth_order(plate, x_px, y_px, dxi, deta, fit.sigma_arcsec)
+        if more is not None:
+            plate = more.plate
+            leverage, covariance = leverage + more.leverage, covariance + more.center_covariance_arcsec2
+            dxi, deta = self._candidates.residuals(plate, held.kept)
         outliers = held.pairs.those(~np.isin(held.pairs.star, held.kept.star))
-        influence = fit.influence
         return Reference(
-            plate=fit.plate,
+            plate=plate,
             pairs=held.kept,
             dxi_arcsec=dxi,
             deta_arcsec=deta,
             sigma_arcsec=fit.sigma_arcsec,
             rejected=len(outliers),
             outliers=outliers,
-            rejected_by={}
-            if rough
-            else self._candidates.rejected_by(fit.plate, held.strobe_px, len(outliers)),
-            leverage=influence.leverage,
-            center_covariance_arcsec2=influence.center_covariance_arcsec2,
+            rejected_by={} if rough else self._candidates.rejected_by(plate, held.strobe_px, len(outliers)),
+            leverage=leverage,
+            center_covariance_arcsec2=covariance,
             extra_px=fit.belief.extra_px,
         )
 

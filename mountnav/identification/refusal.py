@@ -22,6 +22,10 @@ from mountnav.units import SKY_DEG2
 SURE_STARS = 8
 """With fewer stars than this a failure is laid to their number. Chosen by hand: it changes the reason of a
 refusal, never whether a frame is solved."""
+BLIND_STARS = 10
+"""So many stars of the catalog, and nothing else, are found anywhere in the sky: of drawn lists of a field of
+0.75° all of 26 with 10 to 12 stars, 6 of 8 with 9, 5 of 9 with 8, and none of 26 with fewer. It changes the
+words of a refusal, never whether a frame is solved."""
 CLOUD_SHARE = 0.2
 """Fewer star-like sources than this share of the promised ones: something is in the way. Chosen by hand: it
 changes the reason of a refusal, never whether a frame is solved."""
@@ -228,14 +232,18 @@ def _likely(
             f"{settings.false_probability_max:.0e}{advice} ({clean.size} stars, {tried})",
             numbers,
         )
+    anywhere = ""
+    if search.whole_sky and hint.center is None and clean.size < BLIND_STARS:
+        numbers["more_stars"] = float(BLIND_STARS - clean.size)
+        anywhere = f"; {BLIND_STARS} that the catalog has would do, or a hint where to look"
     if clean.size < SURE_STARS:
         return Refusal(
             Reason.TOO_FEW_MEASUREMENTS,
-            f"{clean.size} stars measured, of which no five match ({tried}): "
+            f"{clean.size} stars measured, of which no five match ({tried}){anywhere}: "
             "expose longer, check focus and cover",
             numbers,
         )
-    detail = f"{clean.size} stars match nowhere ({tried})"
+    detail = f"{clean.size} stars match nowhere ({tried}){anywhere}"
     if settings.v_min_ident is not None:
         detail += _counted(search, settings.v_min_ident, settings.match_px)
     return Refusal(Reason.NO_MATCH, detail, numbers)

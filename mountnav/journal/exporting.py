@@ -17,6 +17,7 @@ from sqlalchemy import Boolean, Integer, Table
 
 from mountnav.errors import BadRequest
 from mountnav.extras import extra
+from mountnav.files import require_replaceable
 from mountnav.journal.database import Facts, Number, UtcTime
 from mountnav.journal.reading import ALL, JournalReader, Wanted
 from mountnav.journal.tables import command, entry, look
@@ -118,6 +119,7 @@ def export(reader: JournalReader, what: str, path: Path, wanted: Wanted = ALL) -
     table = TABLES[what]
     columns = columns_of(table)
     write = {".csv": _csv, ".parquet": _parquet, ".fits": _fits}[path.suffix.lower()]
+    require_replaceable(path)
     part = path.with_name(path.name + ".part")
     try:
         count = write(part, what, columns, reader.rows(table, wanted))

@@ -18,7 +18,7 @@ from mountnav.clock import utc_now
 from mountnav.errors import BadCatalog, BadFrame
 from mountnav.frames import Frame, Hint, StarList
 from mountnav.identification.fast import FastResult, identify_fast
-from mountnav.identification.plate import NAMES
+from mountnav.identification.plate import CUBIC, NAMES
 from mountnav.identification.reference import Reference, identified_pairs
 from mountnav.identification.refusal import Refusal
 from mountnav.identification.search import Reach, without_place
@@ -810,7 +810,7 @@ def _solution(
         pairs=len(pairs),
         rejected=reference.rejected,
         false_probability=found.false_probability,
-        mode=f"{'blind' if found.blind else 'full'}/{NAMES[plate.degree]}",
+        mode=f"{'blind' if found.blind else 'full'}/{NAMES[min(plate.degree, CUBIC)]}",
         wcs=wcs_cards(plate, width_px=measurements.width_px, height_px=measurements.height_px),
         center_covariance_arcsec2=covariance,
         identified=pairs_told,

@@ -240,6 +240,17 @@ def test_rejected_pairs_are_left_out_unless_asked_for() -> None:
     assert every.modulus_arcsec[-4:].min() > 3.0 > deviations(solution).modulus_arcsec.max()
 
 
+def test_stars_that_the_catalog_knows_worse_are_left_out_if_asked() -> None:
+    solution = made_solution(2, outliers=4)
+    sigma = np.where(np.arange(60) % 3 == 0, 0.02, 0.1)
+    solution = replace(solution, identified=replace(solution.identified, catalog_sigma_arcsec=sigma))
+    whole, few = deviations(solution), deviations(solution, catalog_sigma_arcsec=0.02)
+    good = sigma[solution.identified.used] <= 0.02
+    assert 0 < len(few) < len(whole)
+    assert np.array_equal(few.ra_arcsec, whole.ra_arcsec[good])
+    assert len(deviations(solution, catalog_sigma_arcsec=0.01)) == 0
+
+
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_leave_one_out_is_what_a_fit_without_the_pair_gives(degree: int) -> None:
     solution = made_solution(degree, n=40, outliers=2)

@@ -7,15 +7,18 @@ import numpy as np
 import pytest
 
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.frames import Hint
+from mountnav.frames import Hint, StarList
+from mountnav.identification.blind.index import BlindIndex
 from mountnav.identification.full import match_radius
-from mountnav.identification.refusal import stars_wanted
+from mountnav.identification.refusal import BLIND_STARS, stars_wanted
 from mountnav.identification.search import identify
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Flag, SkyQuality, StarImages
 from mountnav.sky.coordinates import Icrs
 from mountnav.solution import Reason
 from mountnav.solving.contradictions import contradictions_with
+from mountnav.solving.settings import SolveSettings
+from mountnav.solving.solve import solve_stars
 from tests.identification.listed_sky import EPOCH, PLACES, anywhere, asked, drawn, galactic, listed, seen
 
 QUALITY = SkyQuality(20, StarImages.DEFOCUSED, 14.0, 0.1, 0.0, 100.0, 10.0, 1.0, 50.0, 0.0)
@@ -165,3 +168,15 @@ def test_flagged_measurements_are_no_stars_but_may_be_tried():
         replace(one.measurements, flags=flags), embedded_catalog(), asked(rng, one), epoch_yr=EPOCH
     )
     assert got.reference is not None
+
+
+@pytest.mark.long
+def test_too_few_for_the_whole_sky_are_told_how_many_would_do(sky_index: BlindIndex) -> None:
+    rng = np.random.default_rng(4)
+    settings = SolveSettings(index=sky_index, blind="only")
+    x_px, y_px = rng.uniform(50, 2000, (2, 6))
+    stars = StarList(x_px, y_px, np.arange(6.0, 0.0, -1.0), 2048, 2048, source="few")
+    verdict = solve_stars(stars, embedded_catalog(), settings=settings)
+    assert verdict.solution is None
+    assert verdict.reason is Reason.TOO_FEW_MEASUREMENTS
+    assert f"{BLIND_STARS} that the catalog has would do, or a hint" in verdict.detail

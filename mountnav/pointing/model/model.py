@@ -16,7 +16,7 @@ from uuid import uuid4
 import numpy as np
 
 from mountnav.errors import BadRequest, MountnavError
-from mountnav.files import read_text
+from mountnav.files import read_text, require_replaceable
 from mountnav.parsing import json_of
 from mountnav.pointing.model.fit import Fit
 from mountnav.pointing.model.rigorous import Geometry, geometry
@@ -168,6 +168,7 @@ class PointingModel:
         path = Path(path)
         handle, waiting = -1, ""
         try:
+            require_replaceable(path)
             handle, waiting = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
             with os.fdopen(handle, "w", encoding="utf-8") as out:
                 out.write(self.to_json())

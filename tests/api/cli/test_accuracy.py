@@ -161,6 +161,12 @@ def test_independent_deviations_are_larger_and_all_pairs_are_more(
     assert (every["every_pair"], independent["leave_one_out"]) == (True, True)
 
 
+@pytest.mark.parametrize("sigma", [0.0, -0.03, float("nan")])
+def test_a_bad_catalog_sigma_is_refused_before_anything_is_read(sigma: float) -> None:
+    with pytest.raises(BadRequest, match="--catalog-sigma"):
+        accuracy([Path("there-is-none.fits")], **PLAIN, catalog_sigma=sigma)
+
+
 @pytest.mark.parametrize("reject", ["", "x", "5,", "-1", "100", "nan", "inf", "5;10", "0,5,10%"])
 def test_bad_shares_are_refused_before_anything_is_read(reject: str) -> None:
     with pytest.raises(BadRequest, match="--reject"):

@@ -251,3 +251,22 @@ def test_the_service_takes_the_daemons_place_and_answers(commands: Commands) -> 
     assert asked.returncode == 0, asked.stderr
     # no other daemon was started for it
     assert log.count("listening on") == 1
+
+
+@pytest.mark.parametrize("how", ["", "off"])
+def test_a_whole_path_is_enough_where_the_current_folder_is_gone(commands: Commands, how: str) -> None:
+    commands.environment["MOUNTNAV_SOLVER"] = how
+    if not how:
+        commands.told("start")
+    (commands.folder / "gone").mkdir()
+    line = f'cd gone && rmdir ../gone && exec "{commands.bin}/astap" -f "{commands.folder}/sky.fits"'
+    done = subprocess.run(
+        ["sh", "-c", line],
+        cwd=commands.folder,
+        env={**os.environ, **commands.environment},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert ini(commands.folder / "sky.ini")["PLTSOLVD"] == "T"
