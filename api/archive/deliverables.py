@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -10,8 +11,9 @@ from api.archive.fetching import is_remote
 from api.batch.inputs import stem
 from mountnav.archive.folder import RunFolder
 from mountnav.archive.tables import read_rows
-from mountnav.errors import BadFrame
+from mountnav.errors import BadFrame, BadRequest
 from mountnav.files import open_plain, replace_bytes
+from mountnav.identification.gwcs import asdf_bytes, require_gwcs
 from mountnav.identification.tpv import tpv_cards
 from mountnav.reading.content import OnDisk
 from mountnav.reading.fits_update import wcs_header
@@ -20,28 +22,47 @@ FOLDER_FRAMES = 10_000
 """Files of a folder: more make many file systems slow."""
 
 
-def write_headers(run: RunFolder, out: Path, kind: Literal["sip", "tpv"]) -> int:
-    """Write a ``.wcs`` file for each frame that is solved.
+Kind = Literal["sip", "tpv", "gwcs"]
+"""How distortion is written: as the solution has it (SIP, or ZPN), as SCAMP does, or as an ASDF file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """How many headers were written, and of how many frames none could be.
+
+    Attributes
+    ----------
+    left : int
+    why : str
+        Of the first one that was left out.
+    """
+
+    count: int
+    left: int = 0
+    why: str = ""
+
+
+def write_headers(run: RunFolder, out: Path, kind: Kind) -> Written:
+    """Write a ``.wcs`` or ``.asdf`` file for each frame that is solved.
+
+    A frame whose lens this kind has no words for is left out, and counted.
 
     Parameters
     ----------
     out : Path
         Gets a folder for each `FOLDER_FRAMES` numbers of the list, and files ``NUMBER-NAME.wcs`` in it.
-    kind : {"sip", "tpv"}
-
-    Returns
-    -------
-    int
-        How many.
+    kind : {"sip", "tpv", "gwcs"}
 
     Raises
     ------
     OSError
         They can't be written.
     BadRequest
-        A chunk is damaged.
+        A chunk is damaged, or a package is missing.
     """
-    count = 0
+    if kind == "gwcs":
+        require_gwcs()
+    count, left, why = 0, 0, ""
     for number in sorted(run.done()):
         path = run.chunk(number)
         cards = {
@@ -53,14 +74,24 @@ def write_headers(run: RunFolder, out: Path, kind: Literal["sip", "tpv"]) -> int
                 continue
             wcs = json.loads(str(cards[place]))
             file, extension = str(row["file"]), row["extension"]
-            hdu = int(str(extension)) if str(extension).isdigit() else extension
-            content = _header(wcs if kind == "sip" else tpv_cards(wcs), file, hdu, run.name)  # type: ignore[arg-type]
+            try:
+                if kind == "gwcs":
+                    told = {"run": run.name, "number": place, "file": file, "extension": extension}
+                    content = asdf_bytes(wcs, told)
+                else:
+                    hdu = int(str(extension)) if str(extension).isdigit() else extension
+                    written = wcs if kind == "sip" else tpv_cards(wcs)
+                    content = _header(written, file, hdu, run.name)  # type: ignore[arg-type]
+            except BadRequest as fault:
+                left, why = left + 1, why or f"{file}: {fault}"
+                continue
             folder = out / f"{int(place or 0) // FOLDER_FRAMES:05d}"
             folder.mkdir(parents=True, exist_ok=True)
             name = stem(file.rpartition("/")[2])[:100]
-            replace_bytes(folder / f"{place:09d}-{name}.wcs", content)
+            ending = "asdf" if kind == "gwcs" else "wcs"
+            replace_bytes(folder / f"{place:09d}-{name}.{ending}", content)
             count += 1
-    return count
+    return Written(count, left, why)
 
 
 def _header(cards: dict[str, str | int | float], file: str, hdu: int | str | None, run: str) -> bytes:
