@@ -22,7 +22,6 @@ from api.cli.options import (
     Config,
     Dec,
     Json,
-    Profile,
     Ra,
     Radius,
     Scale,
@@ -70,6 +69,12 @@ Extension = Annotated[
 Priority = Annotated[int, typer.Option(help="Of these frames: the higher goes first.")]
 ScaleLow = Annotated[float | None, typer.Option(help="Lower bound, arcseconds per pixel.")]
 ScaleHigh = Annotated[float | None, typer.Option(help="Upper bound, arcseconds per pixel.")]
+Profile = Annotated[
+    str | None,
+    typer.Option(
+        help="Parameters: measured or paper; or plate: photographic plates, negative or not, all exposures."
+    ),
+]
 Blind = Annotated[
     bool | None,
     typer.Option(

@@ -20,11 +20,12 @@ from importlib.metadata import version as installed
 from pathlib import Path
 from typing import Any
 
-from mountnav.archive.columns import Column, Row, star_rows, verdict_cells
+from mountnav.archive.columns import Column, Row, plate_cells, star_rows, verdict_cells
 from mountnav.archive.folder import RunFolder, read_json, whole, write_json
 from mountnav.archive.recipe import Recipe
 from mountnav.archive.tables import (
     COST_TABLE,
+    EXPOSURE_TABLE,
     FRAME_TABLE,
     PAIR_TABLE,
     REFUSAL_TABLE,
@@ -137,6 +138,9 @@ class ChunkWriter:
         )
         if verdict is not None and verdict.solution is not None:
             self.tables["solutions"].add(cells | number)
+            if (exposures := self.tables.get("exposures")) is not None:
+                for at, solution in enumerate((verdict.solution, *verdict.further), 1):
+                    exposures.add(plate_cells(solution) | number | {"exposure": at})
             if (pairs := self.tables.get("pairs")) is not None:
                 for row in star_rows(verdict.solution):
                     pairs.add(row | number)
@@ -185,8 +189,18 @@ TABLES: dict[str, tuple[Column, ...]] = {
     "solutions": SOLUTION_TABLE,
     "refusals": REFUSAL_TABLE,
     "pairs": PAIR_TABLE,
+    "exposures": EXPOSURE_TABLE,
 }
 """By the names of their files."""
+
+
+def tables_of(recipe: Recipe) -> list[str]:
+    """Which tables the chunks of a run have."""
+    asked = {
+        "pairs": recipe.decides["pairs"],
+        "exposures": recipe.decides["settings"].get("exposures", 1) > 1,
+    }
+    return [name for name in TABLES if asked.get(name, True)]
 
 
 @contextmanager
@@ -201,7 +215,7 @@ def chunk_written(run: RunFolder, chunk: Chunk, recipe: Recipe) -> Iterator[Chun
         The disk is full, or gone.
     """
     sums: dict[str, dict[str, Any]] = {}
-    names = [name for name in TABLES if name != "pairs" or recipe.decides["pairs"]]
+    names = tables_of(recipe)
     try:
         with (
             whole(run.chunk(chunk.number), run.making, f"{chunk.number:07d}-") as fresh,

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mountnav.archive.columns import (
+    EXPOSURE,
     EXTENSION,
     FILE,
     PLATE_COLUMNS,
@@ -91,6 +92,10 @@ REFUSAL_TABLE = (
     Column("set_aside", "bool", "", "no verdict: it was tried twice, and hung, or ended what tried it"),
 )
 """A row for each frame that was not."""
+
+EXPOSURE_TABLE = (NUMBER, EXPOSURE, *PLATE_COLUMNS, WCS)
+"""A row for each exposure of each plate that was solved, in runs that seek several; the first is that of the
+solutions."""
 
 PAIR_TABLE = (NUMBER, *STAR_COLUMNS)
 """A row for each identified star, where pairs were asked for."""

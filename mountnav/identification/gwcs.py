@@ -1,8 +1,8 @@
 """A plate's or a lens's cards as a GWCS: what ASDF files hold, and pipelines of JWST and Roman read.
 
 A GWCS is a chain of transforms of astropy.modeling from pixels to the sky, each of which ASDF can write. TAN
-and SIP are such a chain as they stand. FITS's ZPN isn't among the transforms: it gives r(θ), and the chain
-and SIP are such a chain as they stand. FITS's ZPN is not among them: it gives r(θ), and the chain
+and SIP are such a chain as they stand. FITS's ZPN is not among them: it gives r(θ), and the chain needs
+θ(r). With s = r² the factor θ/r is smooth, so that a Chebyshev series in s stands for it; ARC, which has
 r = θ, does the rest. The way back from the sky is r(θ) itself.
 """
 
