@@ -62,6 +62,8 @@ class Result:
     tries : int
     total_s : float
         From the order to the answer.
+    fetch_s, waited_s : float
+        Until the frame was here; and how long of that nothing could be solved meanwhile.
     """
 
     entry: Entry
@@ -72,6 +74,8 @@ class Result:
     why: str = ""
     tries: int = 1
     total_s: float = 0.0
+    fetch_s: float = 0.0
+    waited_s: float = 0.0
 
     @property
     def outcome(self) -> str:
@@ -155,6 +159,8 @@ class ChunkWriter:
                 "identify_s": times.identify_s,
                 "total_s": result.total_s,
                 "tries": result.tries,
+                "fetch_s": result.fetch_s,
+                "waited_s": result.waited_s,
             }
         )
         self.counts.add(result.outcome)

@@ -107,6 +107,10 @@ COST_TABLE = (
     Column("identify_s", "double", "s", "wall time"),
     Column("total_s", "double", "s", "wall time from the order to the answer, tries included"),
     Column("tries", "int64", "", "1, or 2 where the first one hung or died"),
+    Column(
+        "fetch_s", "double", "s", "wall time until the frame was here and hashed, while others were solved"
+    ),
+    Column("waited_s", "double", "s", "that part of it during which nothing else was left to solve"),
 )
 """What each frame took: the only table that differs from run to run. Its metadata tell host and libraries."""
 
