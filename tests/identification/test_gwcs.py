@@ -75,7 +75,7 @@ def test_pixels_lie_where_wcslib_has_them_and_come_back(name: str) -> None:
         x, y = (
             side.ravel()
             for side in np.meshgrid(
-                np.linspace(0, cards["IMAGEW"] - 1, 25), np.linspace(0, cards["IMAGEH"] - 1, 25)
+                *(np.linspace(0, float(cards[side]) - 1, 25) for side in ("IMAGEW", "IMAGEH"))
             )
         )
         ra, dec = wcs(x, y)
