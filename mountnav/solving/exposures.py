@@ -146,6 +146,7 @@ def solve_plate(
             refused = first  # what the likelier side is refused for is told
         if first.solved:
             break
+    assert refused is not None  # both sides were tried
     further = tuple(one.solution for one in verdicts[1:] if one.solution is not None) if first.solved else ()
     notes = refused.notes
     if first.solved:

@@ -111,7 +111,7 @@ class _Cluster:
         """Wait, as long as the daemons run."""
         while not true():
             for daemon in self._daemons:
-                assert daemon.poll() is None, f"{daemon.args} ended: see {self.where}"
+                assert daemon.poll() is None, f"{daemon.args!r} ended: see {self.where}"
             time.sleep(0.1)
 
     def stop(self) -> None:
