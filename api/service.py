@@ -108,12 +108,14 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
     Raises
     ------
     BadSettings, JournalDamaged
-        The journal is of another kind or damaged, or a pointing model can't be read: then nothing is started.
+        The journal is of another kind or damaged, another service on it has one of the telescopes, or a
+        pointing model can't be read: then nothing is started.
         One that can't be opened or written now is no reason: see `RestoredState`.
     """
     await asyncio.to_thread(settings.ephemerides.use)
     # before anything is opened: what it needs may be missing
     provider = provider_of(settings.traces)
+    ids = frozenset(telescope.id for telescope in settings.telescope)
     journal = await asyncio.to_thread(
         open_journal,
         settings.journal.where,
@@ -126,9 +128,9 @@ async def open_service(settings: Settings, catalog: Catalog) -> Service:
         # a mount that slews from before must be stopped all the same
         patient=True,
         audit_key=await asyncio.to_thread(open_audit_key, settings.journal.audit_key_path),
+        telescopes=ids,
     )
     events = Events(settings.service.events_kept)
-    ids = frozenset(telescope.id for telescope in settings.telescope)
     job_store = JobStore(journal, journal.reader, ids)
     jobs = Jobs(events, settings.service.jobs_kept, store=job_store, view=_as_json)
 

@@ -8,7 +8,9 @@ from typing import Literal
 
 from mountnav.errors import BadRequest, MountnavError
 
-Extra = Literal["dask", "gaia", "otel", "parquet", "plots", "postgresql", "raw", "remote", "s3", "tls"]
+Extra = Literal[
+    "dask", "gaia", "gwcs", "otel", "parquet", "plots", "postgresql", "raw", "remote", "s3", "tls"
+]
 """Names of the extras, as ``pip install 'mountnav[NAME]'`` takes them."""
 
 

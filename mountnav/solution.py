@@ -314,6 +314,8 @@ class Verdict:
         What the file's header says of where it comes from; None where no file was read.
     prior : PriorPart or None
         What was assumed from other frames of the same camera; None where nothing was.
+    further : tuple of Solution
+        Of a plate that was exposed several times: its other exposures.
     """
 
     solution: Solution | None
@@ -331,6 +333,7 @@ class Verdict:
     )
     origin: Origin | None = field(default=None, compare=False)
     prior: PriorPart | None = None
+    further: tuple[Solution, ...] = ()
 
     @property
     def solved(self) -> bool:

@@ -20,7 +20,12 @@ from mountnav.errors import BadRequest
 from mountnav.frames import Hint
 from mountnav.identification.budget import wall_limit_s
 from mountnav.solving.priors import CameraPrior
-from mountnav.solving.settings import SolveSettings
+from mountnav.solving.settings import MOST_EXPOSURES, SolveSettings
+
+ARCHIVE_PROFILES: dict[str, dict[str, Any]] = {
+    "plate": {"exposures": MOST_EXPOSURES},
+}
+"""What profiles of archives alone set, over those of the settings: photographic plates."""
 
 LEAST_DEADLINE_S = 1.0
 """A frame that is ended sooner is ended for the computer's load."""
@@ -98,13 +103,15 @@ def prepared(options: RunOptions) -> Prepared:
     """
     config = None if options.config is None else Path(options.config)
     masters = None if options.calibration is None else Path(options.calibration)
+    archived = ARCHIVE_PROFILES.get(options.profile or "", {})
     settings = chosen_settings(
         config=config,
-        profile=options.profile,
+        profile=None if archived else options.profile,
         budget_s=options.budget_s,
         calibration=masters,
         blind=options.blind,
     )
+    settings = replace(settings, **archived)
     settings = replace(settings, undated_utc=_date(options.undated_utc), priors=options.priors)
     catalog = chosen_shelf(config, options.catalog)
     hint = asked_hint(

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from api.archive.fetching import is_remote
 from api.batch.inputs import stem
+from mountnav.archive.columns import Cell
 from mountnav.archive.folder import RunFolder
 from mountnav.archive.tables import read_rows
-from mountnav.errors import BadFrame
+from mountnav.errors import BadFrame, BadRequest
 from mountnav.files import open_plain, replace_bytes
+from mountnav.identification.gwcs import asdf_bytes, require_gwcs
 from mountnav.identification.tpv import tpv_cards
 from mountnav.reading.content import OnDisk
 from mountnav.reading.fits_update import wcs_header
@@ -20,47 +23,89 @@ FOLDER_FRAMES = 10_000
 """Files of a folder: more make many file systems slow."""
 
 
-def write_headers(run: RunFolder, out: Path, kind: Literal["sip", "tpv"]) -> int:
-    """Write a ``.wcs`` file for each frame that is solved.
+Kind = Literal["sip", "tpv", "gwcs"]
+"""How distortion is written: as the solution has it (SIP, or ZPN), as SCAMP does, or as an ASDF file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """How many headers were written, and of how many frames none could be.
+
+    Attributes
+    ----------
+    left : int
+    why : str
+        Of the first one that was left out.
+    """
+
+    count: int
+    left: int = 0
+    why: str = ""
+
+
+def write_headers(run: RunFolder, out: Path, kind: Kind) -> Written:
+    """Write a ``.wcs`` or ``.asdf`` file for each frame that is solved.
+
+    A frame whose lens this kind has no words for is left out, and counted.
 
     Parameters
     ----------
     out : Path
-        Gets a folder for each `FOLDER_FRAMES` numbers of the list, and files ``NUMBER-NAME.wcs`` in it.
-    kind : {"sip", "tpv"}
-
-    Returns
-    -------
-    int
-        How many.
+        Gets a folder for each `FOLDER_FRAMES` numbers of the list, and files ``NUMBER-NAME.wcs`` in it;
+        ``NUMBER-NAME-exposure2.wcs`` of a plate's second exposure.
+    kind : {"sip", "tpv", "gwcs"}
 
     Raises
     ------
     OSError
         They can't be written.
     BadRequest
-        A chunk is damaged.
+        A chunk is damaged, or a package is missing.
     """
-    count = 0
+    if kind == "gwcs":
+        require_gwcs()
+    count, left, why = 0, 0, ""
     for number in sorted(run.done()):
         path = run.chunk(number)
-        cards = {
-            row["number"]: row["wcs"] for row in read_rows(path / "solutions.parquet", ["number", "wcs"])
-        }
+        cards = _cards(path)
         for row in read_rows(path / "frames.parquet", ["number", "file", "extension"]):
             place = row["number"]
             if place not in cards:
                 continue
-            wcs = json.loads(str(cards[place]))
             file, extension = str(row["file"]), row["extension"]
-            hdu = int(str(extension)) if str(extension).isdecimal() else extension
-            content = _header(wcs if kind == "sip" else tpv_cards(wcs), file, hdu, run.name)  # type: ignore[arg-type]
             folder = out / f"{int(place or 0) // FOLDER_FRAMES:05d}"
-            folder.mkdir(parents=True, exist_ok=True)
             name = stem(file.rpartition("/")[2])[:100]
-            replace_bytes(folder / f"{place:09d}-{name}.wcs", content)
-            count += 1
-    return count
+            for exposure, text in enumerate(cards[place], 1):
+                try:
+                    content = _content(json.loads(text), kind, run.name, file, extension)
+                except BadRequest as fault:
+                    left, why = left + 1, why or f"{file}: {fault}"
+                    continue
+                folder.mkdir(parents=True, exist_ok=True)
+                which = "" if exposure == 1 else f"-exposure{exposure}"
+                ending = "asdf" if kind == "gwcs" else "wcs"
+                replace_bytes(folder / f"{place:09d}-{name}{which}.{ending}", content)
+                count += 1
+    return Written(count, left, why)
+
+
+def _cards(chunk: Path) -> dict[Cell, list[str]]:
+    """The cards of each solved frame of a chunk: one text, or of a plate one for each exposure, in order."""
+    found: dict[Cell, list[str]] = {}
+    exposures = chunk / "exposures.parquet"
+    table = exposures if exposures.exists() else chunk / "solutions.parquet"
+    for row in read_rows(table, ["number", "wcs"]):
+        found.setdefault(row["number"], []).append(str(row["wcs"]))
+    return found
+
+
+def _content(wcs: dict[str, str | int | float], kind: Kind, run: str, file: str, extension: Cell) -> bytes:
+    """A file of this kind. Raises `BadRequest` where it has no words for the lens."""
+    if kind == "gwcs":
+        return asdf_bytes(wcs, {"run": run, "file": file, "extension": extension})
+    hdu = None if extension is None else str(extension)
+    written = wcs if kind == "sip" else tpv_cards(wcs)
+    return _header(written, file, int(hdu) if hdu is not None and hdu.isdecimal() else hdu, run)
 
 
 def _header(cards: dict[str, str | int | float], file: str, hdu: int | str | None, run: str) -> bytes:

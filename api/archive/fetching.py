@@ -9,6 +9,7 @@ import errno
 import hashlib
 import os
 import tempfile
+import time
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
@@ -46,11 +47,14 @@ class Fetched:
         Open; whoever fetched it closes it.
     sha256 : str
     size_bytes : int
+    fetch_s : float
+        Wall time that it took.
     """
 
     file: FileIO
     sha256: str
     size_bytes: int
+    fetch_s: float = 0.0
 
 
 def is_remote(file: str) -> bool:
@@ -75,6 +79,7 @@ def fetched(file: str, timeout_s: float) -> Fetched:
     BadRequest
         A package for such URLs is missing.
     """
+    began_s = time.monotonic()
     opened = _from_elsewhere(file, timeout_s) if is_remote(file) else open_plain(Path(os.fsdecode(file)))
     try:
         sha256 = hashlib.sha256()
@@ -84,7 +89,7 @@ def fetched(file: str, timeout_s: float) -> Fetched:
             sha256.update(piece[:count])
             size += count
         os.lseek(opened.fileno(), 0, os.SEEK_SET)
-        return Fetched(opened, sha256.hexdigest(), size)
+        return Fetched(opened, sha256.hexdigest(), size, time.monotonic() - began_s)
     except BaseException:
         opened.close()
         raise

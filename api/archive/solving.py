@@ -138,10 +138,14 @@ class ChunkSolver:
                 ahead: asyncio.Task[Fetched | OSError] | None = None
                 try:
                     for at, entry in enumerate(entries):
+                        asked_s = time.monotonic()
                         opened = await (ahead or waited_for(self._fetched(entry)))
+                        waited_s = time.monotonic() - asked_s
                         following = entries[at + 1] if at + 1 < len(entries) else None
                         ahead = None if following is None else waited_for(self._fetched(following))
-                        result = await self._result(entry, opened)
+                        fetch_s = opened.fetch_s if isinstance(opened, Fetched) else waited_s
+                        answer = await self._result(entry, opened)
+                        result = replace(answer, fetch_s=fetch_s, waited_s=waited_s)
                         writer.add(result)
                         told(result)
                 finally:

@@ -22,7 +22,6 @@ from api.cli.options import (
     Config,
     Dec,
     Json,
-    Profile,
     Ra,
     Radius,
     Scale,
@@ -70,6 +69,12 @@ Extension = Annotated[
 Priority = Annotated[int, typer.Option(help="Of these frames: the higher goes first.")]
 ScaleLow = Annotated[float | None, typer.Option(help="Lower bound, arcseconds per pixel.")]
 ScaleHigh = Annotated[float | None, typer.Option(help="Upper bound, arcseconds per pixel.")]
+Profile = Annotated[
+    str | None,
+    typer.Option(
+        help="Parameters: measured or paper; or plate: photographic plates, negative or not, all exposures."
+    ),
+]
 Blind = Annotated[
     bool | None,
     typer.Option(
@@ -381,15 +386,24 @@ def write_wcs(
     archive: Where,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write to.")],
     kind: Annotated[
-        Literal["sip", "tpv"], typer.Option(help="How distortion is written: SIP, or TPV as SCAMP does.")
+        Literal["sip", "tpv", "gwcs"],
+        typer.Option(help="FITS headers with SIP (ZPN of a wide lens) or TPV as SCAMP does, or ASDF files."),
     ] = "sip",
     run: Run = None,
 ) -> None:
-    """Write a .wcs file, a FITS header without data, for each solved frame; named by number and name."""
+    """Write a .wcs file, a FITS header without data, for each solved frame; named by number and name.
+
+    With --kind gwcs it is an .asdf file with a GWCS, also of a wide lens. Frames whose lens a kind has
+    no words for are left out: then the exit code is 1.
+    """
     from api.archive.deliverables import write_headers
 
     _, run_folder = _opened(archive, run)
-    _say(f"{write_headers(run_folder, out, kind)} headers in {out}")
+    written = write_headers(run_folder, out, kind)
+    _say(f"{written.count} headers in {out}")
+    if written.left:
+        _say(f"{written.left} frames were left out; the first one is {written.why}")
+        raise typer.Exit(1)
 
 
 @archive_app.command("stars")

@@ -228,6 +228,8 @@ def read(content: bytes | bytearray) -> Answer:
 
 def _plain(value: object, arrays: list[bytes]) -> Any:
     """The value in JSON's own kinds; arrays are put aside."""
+    if type(value) in _SCALARS:
+        return value  # nearly all of a header's cards, and by far the most values of an answer
     if isinstance(value, np.ndarray):
         if value.dtype.kind not in "biuf":
             raise TypeError(f"arrays of {value.dtype} can't be part of an answer")
@@ -252,6 +254,9 @@ def _plain(value: object, arrays: list[bytes]) -> Any:
     raise TypeError(f"{type(value).__name__} can't be part of an answer")
 
 
+_SCALARS = frozenset({str, int, float, bool, type(None)})
+
+
 @cache
 def _hints(kind: type[Any]) -> dict[str, Any]:
     """The fields that a class of ours is made with, by name, and their types."""
@@ -261,6 +266,8 @@ def _hints(kind: type[Any]) -> dict[str, Any]:
 
 def _made(value: Any, kind: Any, arrays: memoryview) -> Any:
     """Make what the type says of what came; anything else is a BadAnswer."""
+    if kind is type(value) and kind in _SCALARS:
+        return value
     kind = _unaliased(kind)
     origin = get_origin(kind)
     if origin is np.ndarray:
@@ -307,6 +314,8 @@ def _checked(value: Any, kind: type[Any]) -> Any:
 
 
 def _one_of(value: Any, kinds: tuple[Any, ...], arrays: memoryview) -> Any:
+    if type(value) in _SCALARS and type(value) in kinds:
+        return value
     # a whole number is also a float: the exact kind goes first, so that cards stay what they were
     for kind in sorted(kinds, key=lambda one: one is not type(value)):
         try:

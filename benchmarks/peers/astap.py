@@ -15,7 +15,7 @@ from benchmarks.peers.drawing import TAKEN
 from benchmarks.peers.running import Attempt, Found, Job, run
 from benchmarks.peers.wcs_files import claimed
 from mountnav.catalog.stars import Catalog
-from mountnav.simulation.render import julian_year
+from mountnav.units import julian_year
 
 LIMIT_S = 120.0
 NUMBERS = ("CRPIX1", "CRPIX2", "CRVAL1", "CRVAL2", "CD1_1", "CD1_2", "CD2_1", "CD2_2")

@@ -16,9 +16,10 @@ from mountnav.catalog.stars import Catalog, Stars
 from mountnav.frames import Frame, Hint
 from mountnav.simulation.catalog_errors import ErringCatalog
 from mountnav.simulation.optics import SimulatedOptics
-from mountnav.simulation.render import draw_frame, julian_year, project
+from mountnav.simulation.render import draw_frame, project
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced
+from mountnav.units import julian_year
 
 TAKEN = datetime(2026, 3, 1, 3, tzinfo=UTC)
 GAIN_E_ADU = 1.5

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from mountnav.archive.folder import Folder, RunFolder, sync_folder
 from mountnav.archive.recipe import Recipe, recipe_in
-from mountnav.archive.store import TABLES, Counts, read_counts
+from mountnav.archive.store import Counts, read_counts, tables_of
 from mountnav.archive.tables import read_rows, sha256_of
 from mountnav.archive.work_list import Chunk, WorkList
 from mountnav.errors import MountnavError
@@ -154,7 +154,7 @@ def _troubles_of(
     told, path = read_counts(run, chunk.number), run.chunk(chunk.number)
     if told["recipe"] != recipe.hash:
         yield "it was made by another recipe"
-    wanted = {f"{name}.parquet" for name in TABLES if name != "pairs" or recipe.decides["pairs"]}
+    wanted = {f"{name}.parquet" for name in tables_of(recipe)}
     there = {one.name for one in path.iterdir()} - {"chunk.json"}
     if there != wanted or set(told["files"]) != wanted:
         yield f"it holds {', '.join(sorted(there))}, not {', '.join(sorted(wanted))}"
@@ -186,6 +186,10 @@ def _troubles_of(
         numbers = [row["number"] for row in read_rows(path / f"{name}.parquet", ["number"])]
         if sorted(numbers) != sorted(expected):  # type: ignore[type-var]
             yield f"{name} are not those of its frames"
+    if "exposures.parquet" in wanted:
+        rows = read_rows(path / "exposures.parquet", ["number", "exposure"])
+        if {row["number"] for row in rows if row["exposure"] == 1} != solved:
+            yield "exposures are not those of its frames"
     if any(getattr(counts, name) != told[name] for name in ("frames", "solved", "refused", "set_aside")):
         yield "its counts are not those of its rows"
     audit.counts.plus(told)

@@ -55,6 +55,8 @@ PLATE_COLUMNS = (
 )
 """Of a frame that is solved."""
 
+EXPOSURE = Column("exposure", "int64", "", "of a plate that was exposed several times, counted from 1")
+
 REASON_COLUMNS = (
     Column("reason_code", "string", "", "why it was not solved, for programs: NO_MATCH, ..."),
     Column("reason", "string", "", "why it was not solved, for people"),
@@ -144,7 +146,12 @@ def verdict_cells(verdict: Verdict) -> Row:
         row["reason"] = f"{reason}: {verdict.detail}" if verdict.detail else reason
         row["reason_code"] = verdict.reason.name if verdict.reason else None
         return row
-    return row | {
+    return row | plate_cells(solution)
+
+
+def plate_cells(solution: Solution) -> Row:
+    """The cells of a solution in all columns of plate, and ``wcs``."""
+    return {
         "ra_deg": finite(solution.center.ra_deg),
         "dec_deg": finite(solution.center.dec_deg),
         "center_sigma_arcsec": finite(solution.center_sigma_arcsec),

@@ -34,16 +34,18 @@ class Recipe:
         Of plain values: version, catalogs with the hashes of their stars, settings, hint, masters, deadline.
     options : dict
         What a worker needs to make the settings again: names of files, of catalogs. It decides nothing.
+    hash : str
+        SHA-256 of what decides; made once, as each frame's address needs it.
     """
 
     decides: dict[str, Any]
     options: dict[str, Any]
+    hash: str = dataclasses.field(init=False)
 
-    @property
-    def hash(self) -> str:
-        """SHA-256 of what decides."""
+    def __post_init__(self) -> None:
+        """Hash what decides."""
         text = json.dumps(self.decides, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-        return hashlib.sha256(text.encode()).hexdigest()
+        object.__setattr__(self, "hash", hashlib.sha256(text.encode()).hexdigest())
 
     @property
     def name(self) -> str:

@@ -52,6 +52,13 @@ class Group:
     contradicted: int = 0
 
 
+COSTS = ("read", "measure", "identify", "total", "fetch", "waited")
+
+LIMITED = 0.5
+"""Share of their time that processes wait for frames, from which on reading is what limits a run; chosen by
+hand: more of them would wait more."""
+
+
 @dataclass(slots=True)
 class Report:
     """What a run came to.
@@ -71,7 +78,8 @@ class Report:
     aside : list of dict
         Frames that were set aside: number, file, code, reason.
     costs : dict
-        Seconds: read, measure, identify, total.
+        Seconds: read (decoding), measure, identify, total; fetch, and waited: of archives made before these
+        were kept, none.
     """
 
     run: str
@@ -89,9 +97,7 @@ class Report:
     odds: Counter[int] = field(default_factory=Counter)
     expected_false: float = 0.0
     aside: list[dict[str, Any]] = field(default_factory=list)
-    costs: dict[str, float] = field(
-        default_factory=lambda: dict.fromkeys(("read", "measure", "identify", "total"), 0.0)
-    )
+    costs: dict[str, float] = field(default_factory=lambda: dict.fromkeys(COSTS, 0.0))
     costed: int = 0
     slowest: list[tuple[float, int]] = field(default_factory=list)
     megabytes: float = 0.0
@@ -174,7 +180,7 @@ def _add_costs(found: Report, run: RunFolder, chunk: int) -> None:
         for row in read_rows(run.cost(chunk)):
             found.costed += 1
             for name in found.costs:
-                found.costs[name] += float(row[f"{name}_s"] or 0.0)
+                found.costs[name] += float(row.get(f"{name}_s") or 0.0)
             found.slowest.append((float(row["total_s"] or 0.0), int(row["number"] or 0)))
     except MountnavError:
         return  # a worker was killed between the results and their account
@@ -272,10 +278,17 @@ def _cost(report: Report) -> str:
     )
     rows = [(name, f"{seconds:.1f}", _bar(seconds, costs["total"])) for name, seconds in named]
     rows.append(("all, of one process", f"{costs['total']:.1f}", _Html("")))
-    rate = report.costed / costs["total"]
+    whole_s = costs["total"] + costs["waited"]
+    rows.append(("besides: waiting for a frame to be read", f"{costs['waited']:.1f}", _Html("")))
+    if costs["waited"] > LIMITED * whole_s:
+        limit = "<b>Reading is the limit</b>: more processes that read from there would only wait."
+    else:
+        limit = "Reading is not the limit."
+    rate = report.costed / whole_s
     text = (
         f"<p>{report.costed} frames with an account, {rate:.2f} a second of one process; "
-        f"{report.megabytes:.0f} MB read.</p>"
+        f"{report.megabytes:.0f} MB read, {_percent(costs['waited'], whole_s)} of the time waiting for them. "
+        f"{limit}</p>"
     )
     slow = [(str(number), f"{seconds:.2f}") for seconds, number in report.slowest]
     return (

@@ -20,11 +20,12 @@ from importlib.metadata import version as installed
 from pathlib import Path
 from typing import Any
 
-from mountnav.archive.columns import Column, Row, star_rows, verdict_cells
+from mountnav.archive.columns import Column, Row, plate_cells, star_rows, verdict_cells
 from mountnav.archive.folder import RunFolder, read_json, whole, write_json
 from mountnav.archive.recipe import Recipe
 from mountnav.archive.tables import (
     COST_TABLE,
+    EXPOSURE_TABLE,
     FRAME_TABLE,
     PAIR_TABLE,
     REFUSAL_TABLE,
@@ -61,6 +62,8 @@ class Result:
     tries : int
     total_s : float
         From the order to the answer.
+    fetch_s, waited_s : float
+        Until the frame was here; and how long of that nothing could be solved meanwhile.
     """
 
     entry: Entry
@@ -71,6 +74,8 @@ class Result:
     why: str = ""
     tries: int = 1
     total_s: float = 0.0
+    fetch_s: float = 0.0
+    waited_s: float = 0.0
 
     @property
     def outcome(self) -> str:
@@ -137,6 +142,9 @@ class ChunkWriter:
         )
         if verdict is not None and verdict.solution is not None:
             self.tables["solutions"].add(cells | number)
+            if (exposures := self.tables.get("exposures")) is not None:
+                for at, solution in enumerate((verdict.solution, *verdict.further), 1):
+                    exposures.add(plate_cells(solution) | number | {"exposure": at})
             if (pairs := self.tables.get("pairs")) is not None:
                 for row in star_rows(verdict.solution):
                     pairs.add(row | number)
@@ -151,6 +159,8 @@ class ChunkWriter:
                 "identify_s": times.identify_s,
                 "total_s": result.total_s,
                 "tries": result.tries,
+                "fetch_s": result.fetch_s,
+                "waited_s": result.waited_s,
             }
         )
         self.counts.add(result.outcome)
@@ -185,8 +195,18 @@ TABLES: dict[str, tuple[Column, ...]] = {
     "solutions": SOLUTION_TABLE,
     "refusals": REFUSAL_TABLE,
     "pairs": PAIR_TABLE,
+    "exposures": EXPOSURE_TABLE,
 }
 """By the names of their files."""
+
+
+def tables_of(recipe: Recipe) -> list[str]:
+    """Which tables the chunks of a run have."""
+    asked = {
+        "pairs": recipe.decides["pairs"],
+        "exposures": recipe.decides["settings"].get("exposures", 1) > 1,
+    }
+    return [name for name in TABLES if asked.get(name, True)]
 
 
 @contextmanager
@@ -201,7 +221,7 @@ def chunk_written(run: RunFolder, chunk: Chunk, recipe: Recipe) -> Iterator[Chun
         The disk is full, or gone.
     """
     sums: dict[str, dict[str, Any]] = {}
-    names = [name for name in TABLES if name != "pairs" or recipe.decides["pairs"]]
+    names = tables_of(recipe)
     try:
         with (
             whole(run.chunk(chunk.number), run.making, f"{chunk.number:07d}-") as fresh,

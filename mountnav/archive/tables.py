@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mountnav.archive.columns import (
+    EXPOSURE,
     EXTENSION,
     FILE,
     PLATE_COLUMNS,
@@ -92,6 +93,10 @@ REFUSAL_TABLE = (
 )
 """A row for each frame that was not."""
 
+EXPOSURE_TABLE = (NUMBER, EXPOSURE, *PLATE_COLUMNS, WCS)
+"""A row for each exposure of each plate that was solved, in runs that seek several; the first is that of the
+solutions."""
+
 PAIR_TABLE = (NUMBER, *STAR_COLUMNS)
 """A row for each identified star, where pairs were asked for."""
 
@@ -102,6 +107,10 @@ COST_TABLE = (
     Column("identify_s", "double", "s", "wall time"),
     Column("total_s", "double", "s", "wall time from the order to the answer, tries included"),
     Column("tries", "int64", "", "1, or 2 where the first one hung or died"),
+    Column(
+        "fetch_s", "double", "s", "wall time until the frame was here and hashed, while others were solved"
+    ),
+    Column("waited_s", "double", "s", "that part of it during which nothing else was left to solve"),
 )
 """What each frame took: the only table that differs from run to run. Its metadata tell host and libraries."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import json
 from datetime import datetime
 
 from sqlalchemy import Connection, desc, insert, select, update
@@ -18,6 +19,10 @@ from mountnav.journal.writer import Statements
 # readable.
 _SHOWN = 200
 
+# Runs of the same host among which the last one of this service is sought: several may write one journal.
+# Doubled, twice as many of them may be started meanwhile.
+_LOOKED_BACK = 50
+
 
 def begin_run(run_id: str, host: str, pid: int, version: str, settings: str, utc: datetime) -> Statements:
     """Statements that write a start down; the configuration's changes with it, if there are any."""
@@ -25,9 +30,8 @@ def begin_run(run_id: str, host: str, pid: int, version: str, settings: str, utc
     digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
     def write(connection: Connection) -> None:
-        before = connection.execute(
-            select(run).where(run.c.host == host).order_by(desc(run.c.started_utc)).limit(1)
-        ).first()
+        older = select(run).where(run.c.host == host).order_by(desc(run.c.started_utc)).limit(_LOOKED_BACK)
+        before = next((row for row in connection.execute(older) if _of_one_service(row.settings, text)), None)
         connection.execute(
             insert(run).values(
                 run_id=run_id,
@@ -68,6 +72,20 @@ def end_run(run_id: str, utc: datetime) -> Statements:
         _note(connection, run_id, Entry(utc, "", EntryKind.SERVICE, "mountnav ended", {}, Cause()))
 
     return write
+
+
+def _of_one_service(settings: str, other: str) -> bool:
+    """Whether two configurations share a telescope; those that name none may be of any service."""
+    some, others = _telescopes(settings), _telescopes(other)
+    return not some or not others or bool(some & others)
+
+
+def _telescopes(settings: str) -> set[str]:
+    try:
+        told = json.loads(settings)
+        return {str(one["id"]) for one in told["telescope"]}
+    except (ValueError, KeyError, TypeError):
+        return set()
 
 
 def _note(connection: Connection, run_id: str, one: Entry) -> None:

@@ -16,6 +16,7 @@ from mountnav.clock import utc_now
 from mountnav.errors import JournalDamaged, JournalFailed
 from mountnav.journal.audit_and_leases import AuditRow, LeaseRow, audit_values, lease_statement
 from mountnav.journal.audit_chain import AuditKey, append_audit
+from mountnav.journal.claims import CLAIM_PATIENCE_S, claim, require_free
 from mountnav.journal.database import database_url, explained, shown_url
 from mountnav.journal.job_rows import JobRow, save_statement
 from mountnav.journal.reading import JournalReader, Wanted
@@ -56,6 +57,8 @@ def open_journal(
     audit_key: AuditKey | None = None,
     looks_keep_days: float | None = None,
     audit_keep_days: float | None = None,
+    telescopes: frozenset[str] = frozenset(),
+    claim_patience_s: float = CLAIM_PATIENCE_S,
 ) -> SqlJournal:
     """Open a journal for writing, made or brought up to date if need be. Blocks: call it in a thread.
 
@@ -81,11 +84,16 @@ def open_journal(
         What seals the audit's rows.
     looks_keep_days, audit_keep_days : float, optional
         As `keep_days`, for these alone.
+    telescopes : frozenset of str
+        Taken for this service alone, where the journal is on PostgreSQL: see `mountnav.journal.claims`.
+    claim_patience_s : float
+        How long another service that has one of them is waited for.
 
     Raises
     ------
     BadSettings
-        No such kind of database, another program's, or a newer mountnav's.
+        No such kind of database, another program's, or a newer mountnav's; or another service has one of the
+        telescopes.
     JournalDamaged
         It is damaged.
     JournalFailed
@@ -108,8 +116,11 @@ def open_journal(
             raise
         _log.error("the journal can't be opened, and is tried again each second: %s", failure)
         opened = False
+    if opened and telescopes:
+        require_free(url, telescopes, claim_patience_s)
     journal = SqlJournal(
         url,
+        telescopes=telescopes,
         inline=inline,
         fsync=fsync,
         thinning=Thinning(
@@ -144,6 +155,8 @@ class SqlJournal:
         Called before it is first written, until it doesn't raise.
     audit_key : AuditKey, optional
         What seals the audit's rows.
+    telescopes : frozenset of str
+        Claimed with each connection.
     """
 
     def __init__(
@@ -155,6 +168,7 @@ class SqlJournal:
         thinning: Thinning | None = None,
         prepare: Callable[[], None] | None = None,
         audit_key: AuditKey | None = None,
+        telescopes: frozenset[str] = frozenset(),
     ) -> None:
         self.run_id = new_id()
         self._audit_key = audit_key
@@ -171,6 +185,7 @@ class SqlJournal:
             probe=self._probe,
             idle=thinning.step if thinning is not None and thinning.wanted else None,
             prepare=prepare,
+            claim=(lambda connection: claim(connection, telescopes)) if telescopes else None,
         )
 
     @property

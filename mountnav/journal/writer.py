@@ -101,6 +101,8 @@ class Writer:
         A small piece of housekeeping; returns whether there is more of it.
     prepare : callable, optional
         Makes the database fit to be written; called before the first connection until it doesn't raise.
+    claim : callable, optional
+        Called with each new connection before it is used; a connection that it raises for isn't used.
     """
 
     def __init__(
@@ -113,8 +115,10 @@ class Writer:
         probe: Statements,
         idle: Callable[[Connection], bool] | None = None,
         prepare: Callable[[], None] | None = None,
+        claim: Callable[[Connection], None] | None = None,
     ) -> None:
         self._url = url
+        self._claim = claim
         self._file = file_of(url)
         self._prepare = prepare
         # made when it is first needed: making it may fail as well
@@ -323,6 +327,8 @@ class Writer:
             if self._engine is None:
                 self._engine = connectable(self._url, "write")
             self._connection = self._engine.connect()
+            if self._claim is not None:
+                self._claim(self._connection)
             if self._file is not None:
                 found = self._file.stat()
                 self._inode = found.st_dev, found.st_ino

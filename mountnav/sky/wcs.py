@@ -132,6 +132,11 @@ def _rising(coefficients: Array) -> float:
     return float(away[falls[0]]) if falls.size else float(np.pi)
 
 
+def rising_to_deg(cards: Mapping[str, object]) -> float:
+    """Up to which angle from its axis a lens (ZPN) shows the sky. Raises `BadRequest`."""
+    return float(np.degrees(_rising(_zpn_polynomial(cards))))
+
+
 def _zpn_places(cards: Mapping[str, object], x_px: Array, y_px: Array) -> tuple[Array, Array]:
     offset = np.stack(
         (

@@ -7,22 +7,21 @@ oftener. An ordinary solve has one answer for a frame: of such a one the middle 
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint, StarList
 from mountnav.identification.selection import star_like
 from mountnav.measuring.measure import measure
 from mountnav.reading import demosaiced
-from mountnav.solution import Solution, Verdict
-from mountnav.solving.settings import SolveSettings
+from mountnav.solution import Reason, Solution, Verdict
+from mountnav.solving.settings import MOST_EXPOSURES, SolveSettings
 from mountnav.solving.solve import merged_hint, solve_stars
-
-MOST_EXPOSURES = 6
-"""Exposures of one plate that are looked for. Doubled, a plate that finds ever more of them takes twice as
-long; observers made two to five."""
 
 SAME_OPTICS = 0.01
 """The scale of later exposures is that of the first within this share: only the direction changed."""
@@ -30,6 +29,15 @@ SAME_OPTICS = 0.01
 ROOM = 1.5
 """A later exposure's center is sought as far as so many diagonals from the first: parts of both are on the
 plate. Chosen by hand."""
+
+_TAIL = 0.5
+"""Percent of a plate's pixels, at either end of their brightness, that stars are sought among; a scratch or a
+step wedge takes up to some percent, stars a fifth to two. What it says is no more than which side is tried
+first."""
+_SAMPLED = 200_000
+"""Pixels that it is told from."""
+_LEAST_BUDGET_S = 0.05
+"""Of a search that follows others, CPU s."""
 
 
 def solve_exposures(
@@ -39,6 +47,7 @@ def solve_exposures(
     hint: Hint | None = None,
     settings: SolveSettings | None = None,
     most: int = MOST_EXPOSURES,
+    tried: int = 0,
 ) -> tuple[Verdict, ...]:
     """Solve each exposure of a plate.
 
@@ -48,6 +57,8 @@ def solve_exposures(
         Goes before what the frame's header says, field by field.
     most : int
         So many exposures are looked for.
+    tried : int
+        Hypotheses that were tried for the same plate before: the odds count them.
 
     Returns
     -------
@@ -62,7 +73,7 @@ def solve_exposures(
     left = star_like(found)
     believed = merged_hint(frame.hint, hint)
     verdicts: list[Verdict] = []
-    tried = 0
+    began_s = time.thread_time()
     while len(verdicts) < most:
         stars = StarList(
             found.x_px[left],
@@ -76,7 +87,7 @@ def solve_exposures(
             stars,
             catalog,
             hint=believed,
-            settings=settings,
+            settings=replace(settings, budget_s=_left_s(settings.budget_s, began_s)),
             mid_exposure_utc=frame.mid_exposure_utc,
             tried=tried,
         )
@@ -93,6 +104,84 @@ def solve_exposures(
             believed = _same_optics(solution, frame)
             settings = replace(settings, blind="never")
     return tuple(verdicts)
+
+
+def solve_plate(
+    frame: Frame,
+    catalog: Catalog,
+    *,
+    hint: Hint | None = None,
+    settings: SolveSettings,
+    tried: int = 0,
+    read_s: float = 0.0,
+) -> Verdict:
+    """Solve a plate, dark stars on a light sky or the other way round.
+
+    Parameters
+    ----------
+    settings : SolveSettings
+        ``exposures`` of which are looked for.
+    tried : int
+        As in `solve_exposures`.
+    read_s : float
+        Wall time that was taken before.
+
+    Returns
+    -------
+    Verdict
+        On one exposure, with the others in ``further``; or the refusal.
+    """
+    began_s, computed_s = time.monotonic(), time.thread_time()
+    frame = demosaiced(frame)
+    refused: Verdict | None = None
+    for negative in (True, False) if looks_negative(frame.pixels) else (False, True):
+        seen = replace(frame, pixels=_turned(frame.pixels), saturation_adu=None) if negative else frame
+        left = replace(settings, budget_s=_left_s(settings.budget_s, computed_s))
+        verdicts = solve_exposures(
+            seen, catalog, hint=hint, settings=left, most=settings.exposures, tried=tried
+        )
+        first, last = verdicts[0], verdicts[-1]
+        tried = int(last.numbers.get("hypotheses", tried))
+        if first.solved or refused is None:
+            refused = first  # what the likelier side is refused for is told
+        if first.solved:
+            break
+    assert refused is not None  # both sides were tried
+    further = tuple(one.solution for one in verdicts[1:] if one.solution is not None) if first.solved else ()
+    notes = refused.notes
+    if first.solved:
+        if negative:
+            notes = (*notes, "a negative: dark stars on a light sky")
+        if further:
+            notes = (*notes, f"{1 + len(further)} exposures on one plate")
+        if len(verdicts) == settings.exposures and last.solved:
+            notes = (*notes, "there may be further exposures: no more were sought")
+        elif last.reason is Reason.TIMED_OUT:
+            notes = (*notes, "there may be further exposures: the time for the search ran out")
+    total_s = time.monotonic() - began_s + read_s
+    return replace(refused, further=further, notes=notes, times=replace(refused.times, total_s=total_s))
+
+
+def looks_negative(pixels: NDArray[Any]) -> bool:
+    """Whether what stands out of the sky is darker than it: by far more pixels, and by more."""
+    flat = np.asarray(pixels).reshape(-1)
+    sample = flat[:: max(1, flat.size // _SAMPLED)].astype(np.float64)
+    sample = sample[np.isfinite(sample)]
+    if not sample.size:
+        return False
+    low, middle, high = np.percentile(sample, (_TAIL, 50.0, 100.0 - _TAIL))
+    return bool(middle - low > high - middle)
+
+
+def _turned(pixels: NDArray[Any]) -> NDArray[np.float32]:
+    """The positive of a negative."""
+    told = np.asarray(pixels, dtype=np.float32)
+    return np.asarray(np.nanmax(told) - told, dtype=np.float32)
+
+
+def _left_s(budget_s: float, began_s: float) -> float:
+    """What is left of a budget of processor time; never nothing, so that a refusal has its reason."""
+    return max(_LEAST_BUDGET_S, budget_s - (time.thread_time() - began_s))
 
 
 def _same_optics(solution: Solution, frame: Frame) -> Hint:

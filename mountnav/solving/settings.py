@@ -15,6 +15,11 @@ if TYPE_CHECKING:
     from mountnav.measuring.calibration import Calibration
 
 
+MOST_EXPOSURES = 6
+"""Exposures of one plate that are looked for. Doubled, a plate that finds ever more of them takes twice as
+long; observers made two to five."""
+
+
 @dataclass(frozen=True, slots=True)
 class SolveSettings:
     """Settings of a solve.
@@ -37,6 +42,9 @@ class SolveSettings:
         When a frame was taken whose date nobody knows, so that its answer is the same on any day; None: now.
     priors : tuple of CameraPrior
         What is known of cameras from frames that were solved before.
+    exposures : int
+        Above 1 each frame is taken for a photographic plate, negative or not, and so many exposures sought
+        on it: see `mountnav.solving.exposures`.
     """
 
     measuring: MeasuringSettings = field(default_factory=MeasuringSettings)
@@ -48,3 +56,4 @@ class SolveSettings:
     glance: bool = True
     undated_utc: datetime | None = None
     priors: tuple[CameraPrior, ...] = ()
+    exposures: int = 1

@@ -160,6 +160,8 @@ def solve(
                 # each hypothesis of that search was one more chance to be fooled
                 reach = replace(job.reach, tried=int(found.numbers.get("hypotheses", 0.0)))
                 job = replace(job, settings=replace(job.settings, budget_s=left_s), reach=reach)
+            if job.settings.exposures > 1:
+                return _plate_solved(job)
         job = _with_catalogs(job)
         measured = _measure(job) if measurements is None else _Measured(measurements, len(measurements))
     except BadFrame as fault:
@@ -241,7 +243,22 @@ def _solve_special(job: _Job, special: SpecialFrame) -> Verdict:
     # the rest stays for the frame as it was: what its header or its levels say may be wrong
     budget_s = job.settings.budget_s * (1.0 if special.sure else SPECIAL_SHARE)
     settings = replace(job.settings, calibration=None, budget_s=budget_s, priors=())
-    verdict = special.back(solve(special.frame, job.catalog, hint=given, settings=settings))
+    inner = solve(special.frame, job.catalog, hint=given, settings=settings)
+    verdict = special.back(inner)
+    if inner.further:
+        others = (special.back(replace(inner, solution=one)).solution for one in inner.further)
+        verdict = replace(verdict, further=tuple(one for one in others if one is not None))
+    return replace(verdict, notes=(*job.notes, *verdict.notes))
+
+
+def _plate_solved(job: _Job) -> Verdict:
+    """The verdict on a photographic plate, with all its exposures."""
+    from mountnav.solving.exposures import solve_plate  # it asks for star lists to be solved here
+
+    settings = replace(job.settings, calibration=None)
+    verdict = solve_plate(
+        job.frame, job.catalog, hint=job.given, settings=settings, tried=job.reach.tried, read_s=job.read_s
+    )
     return replace(verdict, notes=(*job.notes, *verdict.notes))
 
 

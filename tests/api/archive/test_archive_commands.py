@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
+import sys
 import warnings
 from pathlib import Path
 
@@ -21,6 +23,8 @@ from pyarrow.dataset import dataset
 
 from benchmarks.archive.drawn import judged
 from mountnav.archive.folder import Folder
+from mountnav.identification.lens import Lens
+from mountnav.sky.coordinates import Icrs
 from tests.api.archive.conftest import SOLVING
 from tests.api.command_here import run_here
 
@@ -98,6 +102,51 @@ def test_headers_are_written_for_other_programs(archive: Path, tmp_path: Path) -
         assert done.stderr.startswith("8 headers")
         first = tmp_path / kind / "00000" / "000000000-000000.wcs"
         assert word in fits.Header.fromfile(first)["CTYPE1"]
+
+
+@pytest.mark.long
+def test_a_gwcs_is_written_that_puts_stars_where_wcslib_puts_them(archive: Path, tmp_path: Path) -> None:
+    asdf = pytest.importorskip("asdf", reason="the extra gwcs isn't installed")
+    done = run_here("archive", "wcs", archive, "--out", tmp_path, "--kind", "gwcs")
+    assert done.stderr.startswith("8 headers"), done.stderr
+    solutions = {row["number"]: row for row in _rows(archive, "solutions.parquet")}
+    stars = [row for row in _rows(archive, "pairs.parquet") if row["number"] == 0]
+    x, y = ([row[key] for row in stars] for key in ("x_px", "y_px"))
+    with asdf.open(tmp_path / "00000" / "000000000-000000.asdf") as opened:
+        assert opened["mountnav"]["file"].endswith("lists/000000.xy")
+        assert opened["mountnav"]["run"] == Folder.open(archive).run(None).name
+        told = opened["wcs"](x, y, with_bounding_box=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FITSFixedWarning)
+        wcs = WCS(json.loads(str(solutions[0]["wcs"])))
+    assert np.abs(np.subtract(told, wcs.all_pix2world(x, y, 0))).max() < 1e-11
+
+
+def test_a_gwcs_without_the_package_is_refused_and_nothing_written(
+    archive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for missing in ("asdf", "gwcs"):
+        monkeypatch.setitem(sys.modules, missing, None)
+    done = run_here("archive", "wcs", archive, "--out", tmp_path / "out", "--kind", "gwcs")
+    assert done.returncode == 2
+    assert "pip install 'mountnav[gwcs]'" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_lens_that_tpv_has_no_words_for_is_left_out_and_told(archive: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(archive, copy)
+    path = Folder.open(copy).run(None).chunk(0) / "solutions.parquet"
+    table = pq.read_table(path)
+    lens = Lens(Icrs(1.0, 2.0), 50.0, 50.0, np.eye(2) * 70.0, np.array([-0.04]), 100, 100).zpn_cards()
+    words = pa.array([json.dumps(lens), *table["wcs"].to_pylist()[1:]])
+    pq.write_table(table.set_column(table.schema.get_field_index("wcs"), "wcs", words), path)
+    done = run_here("archive", "wcs", copy, "--out", tmp_path / "tpv", "--kind", "tpv")
+    assert done.returncode == 1
+    assert "7 headers" in done.stderr
+    assert "1 frames were left out; the first one is " in done.stderr
+    done = run_here("archive", "wcs", copy, "--out", tmp_path / "sip")
+    assert (done.returncode, len(list((tmp_path / "sip").rglob("*.wcs")))) == (0, 8)
 
 
 @pytest.mark.long
