@@ -30,7 +30,7 @@ from mountnav.ephemeris.ephemeris import Ephemeris
 from mountnav.ephemeris.mpc import mpc_lines, read_mpc_json, read_mpc_line
 from mountnav.ephemeris.omm import looks_like_omm, read_omm
 from mountnav.ephemeris.satellite import EarthSatellite, SatelliteElements
-from mountnav.ephemeris.sbdb import looks_like_sbdb, read_sbdb
+from mountnav.ephemeris.sbdb import looks_like_sbdb, read_sbdb, require_orbit
 from mountnav.ephemeris.small_body import SmallBody
 from mountnav.ephemeris.tle import iterate_tle, looks_like_tle
 from mountnav.errors import BadRequest, NotFound
@@ -527,7 +527,7 @@ def _read(path: Path) -> Iterator[Elements | str]:
     packed = path.suffix.lower() == ".gz"
     with open_unpacked(path, packed=packed) as raw:
         try:
-            head = raw.read(65_536).decode("utf-8", "replace")
+            head = raw.read(65_536).decode("utf-8-sig", "replace")
         except (OSError, EOFError, gzip.BadGzipFile) as wrong:
             raise BadRequest(f"{path.name} can't be unpacked: {wrong}") from wrong
     if head.lstrip()[:1] in ("{", "["):
@@ -542,7 +542,7 @@ def _read(path: Path) -> Iterator[Elements | str]:
 
 def _lines(path: Path, packed: bool) -> Iterator[str]:
     """Lines of a file, none longer than is taken for one."""
-    with open_unpacked(path, packed=packed) as raw, TextIOWrapper(raw, "utf-8", "replace") as text:
+    with open_unpacked(path, packed=packed) as raw, TextIOWrapper(raw, "utf-8-sig", "replace") as text:
         try:
             while line := text.readline(_LONGEST_LINE):
                 yield line
@@ -595,6 +595,7 @@ def _read_json(path: Path, packed: bool) -> Iterator[Elements | str]:
         try:
             if not isinstance(record, dict):
                 raise BadRequest(f"{at} is not a JSON object")
+            require_orbit(record)
             if looks_like_sbdb(record):
                 yield read_sbdb(record)
             elif "MEAN_MOTION" in record:
@@ -609,7 +610,7 @@ def _read_json(path: Path, packed: bool) -> Iterator[Elements | str]:
 def _records(path: Path, packed: bool) -> Iterator[Any]:
     decoder = json.JSONDecoder()
     buffer, in_list, at_end = "", None, False
-    with open_unpacked(path, packed=packed) as raw, TextIOWrapper(raw, "utf-8", "replace") as text:
+    with open_unpacked(path, packed=packed) as raw, TextIOWrapper(raw, "utf-8-sig", "replace") as text:
         while True:
             buffer = buffer.lstrip(" \t\r\n,")
             if in_list is None and buffer:
