@@ -385,8 +385,8 @@ FAULTS: dict[str, tuple[RateFault, frozenset[Named]]] = {
     "unturned": (RateFault(unturned=True), frozenset({Named.SIGN_DEC})),
 }
 RA_ALONE = frozenset({"lx200/ap", "ioptron"})
-"""Families that take rates in right ascension alone: their targets move along it, or they were followed by other
-means, and no fault could show."""
+"""Families that take rates in right ascension alone: their targets move along it, or they were followed by
+other means, and no fault could show."""
 Spans = tuple[tuple[float, float], tuple[float, float]]
 HARMLESS = frozenset({"forgotten", "lost at flip", "unturned", "1.0027 dec"})
 """Faults that may show in nothing: rates are sent again after each slew and each minute, the tube may hang on

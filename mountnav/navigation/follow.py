@@ -70,6 +70,7 @@ from mountnav.navigation.rates_seen import (
     MOST_PLAY_ARCSEC,
     TIME_SIGMA_S,
     OrderedRates,
+    RateCorrection,
     RateFault,
     RateLook,
     RatesJudgement,
@@ -415,6 +416,7 @@ class Following:
         self._fault: RateFault | None = None
         self._off: tuple[float, float] | None = None
         self._order_s, self._alarms, self._wrong, self._tried = 0.1, 0, 0, False
+        self._trial: RateCorrection | None = None
         self._events: tuple[SkyEvent, ...] = ()
         self.notes: list[str] = []
         self.plan: FollowPlan | None = None
@@ -1059,6 +1061,8 @@ class Following:
             if found is not None:
                 await self._took(found)
                 await self._stands(found)
+            else:
+                await self._doubt_trial()
             judged = self._judgement is not None and self._judgement.verdict == "right"
             soon = self._looks < FIRST_LOOKS and not judged
             every_s = min(self._look_every_s, 15.0) if soon else self._look_every_s
@@ -1157,6 +1161,30 @@ class Following:
         if self._missed in (1, MISSES):
             self._note(f"{self._missed} look(s) in a row could not be used: {why}")
         self._tell(self._phase, f"a look could not be used: {why}")
+
+    @property
+    def _on_trial(self) -> bool:
+        """Whether rates are sent by a guess that no look has confirmed yet."""
+        trial = self._trial
+        return trial is not None and self._rates.correction is trial and not self._rates.confirmed
+
+    async def _doubt_trial(self) -> None:
+        """Give a guess up since which a look showed nothing: it may lead away, and draw the stars out.
+
+        A mount that takes fast rates rightly, and slow ones not at all, went on so at 15 times the target's.
+        """
+        if not self._on_trial:
+            return
+        async with self._hand:
+            self._require_wanted()
+            trial = self._trial
+            assert trial is not None
+            why = f"a look showed nothing while it was tried whether {trial.words}"
+            await self._learned(lambda: self._rates.withdraw(f"withdrawn: {why}"))
+            self._kept = list(self._sent)
+            await self._fall_back(why)
+            await self._hop()
+        self._wake.set()
 
     async def _took(self, found: Look) -> None:
         """What a look shows: how far off it is, and at which rates the mount went."""
@@ -1312,7 +1340,8 @@ class Following:
         self._wrong += 1
         if judged.trial is not None and not self._tried:
             self._tried = True
-            trial = judged.trial
+            trial = self._trial = judged.trial
+            self._missed = 0
             self._note(f"{judged.words}; to tell, it is tried whether {trial.words}")
             await self._learned(lambda: rates.try_on(trial))
             self._begin_anew()
