@@ -219,7 +219,7 @@ async def _set_offsets(
         await device.offsets.set(
             call.caller,
             wanted,
-            lambda: device.was_heard(call.client, _heard_s(device)),
+            lambda: device.silent_s(call.client),
             stops_given=call.stops_given,
         )
     except OrderNotTaken as refusal:
@@ -230,13 +230,9 @@ _ROUNDED = 1.0 + 1e-9
 """A rate this little above the largest is the largest, rounded on its way."""
 
 
-def _heard_s(device: AlpacaTelescope) -> float:
-    return 0.5 * device.settings.alpaca.offset_rates_s
-
-
 async def _end_offsets(device: AlpacaTelescope, call: Call) -> None:
     if not offsets_of(device).none:
-        await device.offsets.set(call.caller, STARS_RATES, lambda: False)
+        await device.offsets.set(call.caller, STARS_RATES, lambda: None)
 
 
 TRACKING: tuple[Member, ...] = (

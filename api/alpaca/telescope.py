@@ -160,17 +160,19 @@ class AlpacaTelescope:
         while len(self._heard_s) > _MOST_HEARD:
             self._heard_s.popitem(last=False)
 
-    def was_heard(self, client: Client, within_s: float) -> bool:
-        """Whether a connected client has asked something since so many seconds ago."""
+    def silent_s(self, client: Client) -> float | None:
+        """For how many seconds a client has asked nothing; None: it has disconnected, or is forgotten."""
         at_s = self._heard_s.get(client)
-        return self.clients.connected(client) and at_s is not None and self._now_s() - at_s <= within_s
+        return None if at_s is None or not self.clients.connected(client) else self._now_s() - at_s
 
     def why_silent(self, client: Client) -> str | None:
         """Why a motion that this client began has to end; None while it is heard."""
         silence_s = self.settings.alpaca.silence_s
         if not self.clients.connected(client):
             return "its client has disconnected"
-        return None if self.was_heard(client, silence_s) else f"its client was silent for {silence_s:g} s"
+        silent_s = self.silent_s(client)
+        lives = silent_s is not None and silent_s <= silence_s
+        return None if lives else f"its client was silent for {silence_s:g} s"
 
     def _axis_ended(self, axis: MountAxis, why: str, problem: Problem | None) -> None:
         number = 0 if axis == "primary" else 1

@@ -14,13 +14,14 @@ from collections.abc import Mapping
 
 from api.access.callers import Caller, Face, Role
 from api.indi_server.device import ABORT, IndiTelescope
+from api.indi_server.life import ClientLife
 from api.indi_server.orders import Answer, chosen_switch
 from api.indi_server.parser import Asked, Broken, Heard, Hearing, Nonsense
 from api.indi_server.properties import COORDINATES, PULSES
 from api.indi_server.publisher import SYNC, USUAL, LeftSelections, Publisher, Selections
 from api.indi_server.vectors import saying
 from api.listeners.tcp import STOPS_AT_ONCE, Allowance, Turns
-from drivers.indi.codec.messages import Ordered, Pinged, State, ping_reply
+from drivers.indi.codec.messages import Ordered, PingAnswered, Pinged, State, ping_reply, ping_request
 from mountnav.clock import utc_now
 from mountnav.tasks import Crew
 
@@ -55,6 +56,8 @@ class Connection:
         What clients have left behind.
     turns : Turns
         Shared by all clients of the port.
+    silence_s : float
+        A client that answers questions is taken for gone after so long a silence.
     """
 
     def __init__(
@@ -64,6 +67,8 @@ class Connection:
         turns: Turns,
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
+        *,
+        silence_s: float,
     ) -> None:
         peer = writer.get_extra_info("peername") or ("unknown", 0)
         self.address = f"{peer[0]}:{peer[1]}"
@@ -75,6 +80,7 @@ class Connection:
         self._waiting: asyncio.Queue[Heard | Closing | None] = asyncio.Queue(_MOST_WAITING)
         self._selections = Selections(left, str(peer[0]))
         self._publisher = Publisher(devices, self._selections)
+        self._life = ClientLife(lambda uid: self._publisher.send(ping_request(uid)), silence_s)
         self._crew = Crew()
         self._stops_room = asyncio.Semaphore(STOPS_AT_ONCE)
         self._orders_waiting = 0
@@ -88,7 +94,7 @@ class Connection:
         """Serve it until it goes, or has to; what it ordered before is carried out, and its jobs go on."""
         crew = self._crew
         for device in self._devices.values():
-            device.came(self._caller)
+            device.came(self._caller, self._life)
         crew.begin(self._read(), f"indi {self.address} reads")
         working = crew.begin(self._work(), f"indi {self.address} works")
         crew.begin(self._watch_its_reading(), f"indi {self.address} is full")
@@ -168,13 +174,25 @@ class Connection:
                 came: list[Heard] = []
                 async for part in self._turns.each(self._hearing.parts(data)):
                     for heard in part:
+                        self._lives(heard)
                         if isinstance(heard, Ordered) and heard.name == ABORT:
                             await self._abort(heard, came)
+                        elif isinstance(heard, PingAnswered):
+                            pass
                         else:
                             came.append(heard)
                 self._take(came)
                 await allowance.spend(len(data))
         await self._waiting.put(None)
+
+    def _lives(self, heard: Heard) -> None:
+        """Take in what something that came says of its life."""
+        if isinstance(heard, PingAnswered):
+            self._life.answered()
+            return
+        self._life.said()
+        if isinstance(heard, Asked) and heard.by_a_server:
+            self._life.through_a_server = True
 
     def _take(self, came: list[Heard]) -> None:
         """Keep what came in its order; what is whole counts, though something between was broken.

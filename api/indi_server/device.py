@@ -13,6 +13,7 @@ from collections.abc import Callable, Coroutine, Sequence
 from datetime import timedelta
 
 from api.access.callers import Caller
+from api.indi_server.life import ClientLife
 from api.indi_server.orders import Answer, IndiOrders
 from api.indi_server.properties import (
     COORDINATES,
@@ -245,13 +246,13 @@ class IndiTelescope:
         self._changed()
         return answer
 
-    def came(self, caller: Caller) -> None:
-        """A client is here: what it moves by keys goes on while it stays."""
-        self._orders.here.add(caller.name)
+    def came(self, caller: Caller, life: ClientLife) -> None:
+        """A client is here: what it moves by keys goes on while it lives."""
+        self._orders.here[caller.name] = life
 
     def gone(self, caller: Caller) -> None:
         """It has gone: what its keys move ends now, and the end of its rates is put off no more."""
-        self._orders.here.discard(caller.name)
+        self._orders.here.pop(caller.name, None)
 
         async def end() -> None:
             await self._axes.end_all(of=lambda one: one.name == caller.name)

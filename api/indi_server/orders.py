@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from api.access.callers import Caller
+from api.indi_server.life import ClientLife
 from api.indi_server.properties import COORDINATES, MOTIONS, PULSES, SPEEDS
 from api.indi_server.vectors import Vector
 from api.orders.goto_orders import GotoOrders
@@ -142,8 +143,8 @@ class IndiOrders:
         What is chosen of TELESCOPE_SLEW_RATE.
     custom : OffsetRates
         The custom rates that were set last, for when that mode is chosen.
-    here : set
-        Names of the callers whose connections are open.
+    here : dict
+        The lives of the callers whose connections are open, by their names.
     """
 
     def __init__(
@@ -160,7 +161,7 @@ class IndiOrders:
         self.rate: str | None = None
         self.speed = "SLEW_FIND"
         self.custom = STARS_RATES
-        self.here: set[str] = set()
+        self.here: dict[str, ClientLife] = {}
         self._ordering = ordering
         self._watch = watch
         self._mount = mount
@@ -248,7 +249,7 @@ class IndiOrders:
         if rate == "custom":
             return await self._custom(caller, "TELESCOPE_TRACK_MODE")
         if self._mount.offset_rates_in_force is not None:
-            await self._rates.set(caller, STARS_RATES, lambda: False)
+            await self._rates.set(caller, STARS_RATES, lambda: None)
         reading = self._watch.latest.state.reading
         if reading is not None and reading.tracking:
             await self._tracking(caller, True, rate)
@@ -281,10 +282,17 @@ class IndiOrders:
     async def _custom(self, caller: Caller, name: str) -> Answer:
         if self.custom.none:
             return Answer.refused(name, "those are a star's rates: set TELESCOPE_TRACK_RATE before")
-        await self._rates.set(caller, self.custom, lambda: caller.name in self.here)
+
+        def silent_s() -> float | None:
+            life = self.here.get(caller.name)
+            return None if life is None else life.silent_s()
+
+        await self._rates.set(caller, self.custom, silent_s)
         force = self._mount.offset_rates_in_force
         until = (
-            "" if force is None else f" until {force.ends_utc:%H:%M:%S} UTC, put off while this client stays"
+            ""
+            if force is None
+            else f" until {force.ends_utc:%H:%M:%S} UTC, put off while this client is heard"
         )
         return Answer(name, State.OK, f"[INFO] custom rates{until}")
 
@@ -306,7 +314,8 @@ class IndiOrders:
         speed_deg_s = speeds[list(SPEEDS).index(self.speed)]
 
         def lives() -> str | None:
-            return None if caller.name in self.here else "its client has gone"
+            life = self.here.get(caller.name)
+            return "its client has gone" if life is None else life.why_gone()
 
         await self._axes.move(caller, axis, sides[chosen] * speed_deg_s, lives)
         return Answer(ordered.name, State.BUSY)

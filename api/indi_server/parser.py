@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from drivers.indi.codec.messages import Ordered, Pinged, event_of
+from drivers.indi.codec.messages import Ordered, PingAnswered, Pinged, event_of
 from drivers.indi.codec.xml_stream import Element, ElementStream, Malformed
 
 MOST_MESSAGE_BYTES = 65_536
@@ -17,10 +17,17 @@ MOST_MESSAGE_BYTES = 65_536
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """A client wants to know properties; empty names stand for all."""
+    """A client wants to know properties; empty names stand for all.
+
+    Attributes
+    ----------
+    by_a_server : bool
+        Whether an `indiserver` may have asked, for its own clients: it names a device, or says "*".
+    """
 
     device: str
     name: str
+    by_a_server: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +52,7 @@ class Broken:
     why: str
 
 
-Heard = Asked | Ordered | Pinged | Nonsense | Broken
+Heard = Asked | Ordered | Pinged | PingAnswered | Nonsense | Broken
 
 
 class Hearing:
@@ -72,10 +79,10 @@ def meant(element: Element) -> Heard | None:
     if element.tag == "getProperties":
         device, name = element.attributes.get("device", ""), element.attributes.get("name", "")
         # an indiserver that chains all devices of another one asks for "*"
-        return Asked("" if device == "*" else device, name)
+        return Asked("" if device == "*" else device, name, by_a_server=device != "")
     event = event_of(element)
     match event:
-        case Ordered() | Pinged():
+        case Ordered() | Pinged() | PingAnswered():
             return event
         case Malformed():
             device, name = element.attributes.get("device", ""), element.attributes.get("name", "")

@@ -19,6 +19,10 @@ _CONNECT_S = 10.0
 """Longest wait for our server to accept, s; chosen by hand. Doubled, `indiserver` learns later that it
 isn't there."""
 
+_A_SERVER = b"<getProperties version='1.7' device='*'/>\n"
+"""Said first: who asks is a server, with clients of its own, and no client [as an `indiserver` tells another
+one]. It answers pings for clients that are long gone."""
+
 
 def relay(host: str, port: int, *, heard: BinaryIO | None = None, said: BinaryIO | None = None) -> int:
     """Pass on until one side ends.
@@ -44,6 +48,7 @@ def relay(host: str, port: int, *, heard: BinaryIO | None = None, said: BinaryIO
         return 1
     connection.settimeout(None)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.sendall(_A_SERVER)
     over = threading.Event()
 
     def pass_in() -> None:

@@ -108,7 +108,9 @@ class IndiServer:
             await device.close()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        connection = Connection(self._devices, self._left, self._turns, reader, writer)
+        connection = Connection(
+            self._devices, self._left, self._turns, reader, writer, silence_s=self._settings.silence_s
+        )
         self._connections.add(connection)
         try:
             await connection.run()

@@ -19,6 +19,7 @@ from api.orders.goto_orders import NotTaken, words_of
 from api.orders.job import Job
 from api.orders.vocabulary import MoveAxisOrder, OffsetRatesOrder
 from api.problems import Problem, Refused, problem_of
+from mountnav.clock import real_s, sky_s
 from mountnav.devices import MountAxis, OffsetRates, RateSpan
 from mountnav.errors import Busy, MountnavError
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
@@ -254,6 +255,13 @@ class KeptAxes:
 _RATES_AGAIN_S = 5.0
 """After how long rates are ordered again that found the telescope busy, s. Doubled, rates that are wanted
 lapse where each job between leaves less than 10 s free."""
+_LOOKS = 8
+"""So often it is looked whether the program was heard, until rates would end. Halved, an answer that comes
+just after a look counts a quarter of the span later, and rates of a busy machine lapse."""
+_DUE = 0.5
+"""An end is put off when no more than this share of the span is left. Doubled, each look is an order."""
+_WORTH_IT = 0.1
+"""An end is put off by no less than this share of the whole span: less is no new word of the program's."""
 
 
 class KeptRates:
@@ -262,27 +270,20 @@ class KeptRates:
     Parameters
     ----------
     within_s : float
-        They end so long after the last order; it is given again when half of that has passed.
+        They end so long after the program was last heard, whatever becomes of it and of its connection.
     """
 
     def __init__(self, dispatcher: Dispatcher, telescope_id: str, *, within_s: float) -> None:
         self._dispatcher = dispatcher
         self._telescope_id = telescope_id
         self._within_s = within_s
-        self._caller: Caller | None = None
-        self._rates: OffsetRates | None = None
         self._task: asyncio.Task[None] | None = None
-
-    @property
-    def caller(self) -> Caller | None:
-        """Who ordered those that are kept; None: none are."""
-        return self._caller
 
     async def set(
         self,
         caller: Caller,
         rates: OffsetRates,
-        lives: Callable[[], bool],
+        silent_s: Callable[[], float | None],
         *,
         stops_given: int | None = None,
     ) -> None:
@@ -290,8 +291,8 @@ class KeptRates:
 
         Parameters
         ----------
-        lives : callable
-            Whether the program was heard since half of `within_s` ago.
+        silent_s : callable
+            For how many of the machine's seconds nothing was heard of the program; None: it has gone.
         stops_given : int, optional
             As the dispatcher's `order`.
 
@@ -302,21 +303,12 @@ class KeptRates:
         if stops_given is None:
             stops_given = self._dispatcher.stops_given(self._telescope_id)
         await self._end_keeping()
-        await self._ordered(caller, rates, stops_given=None if rates.none else stops_given)
+        ends_s = asyncio.get_running_loop().time() + real_s(self._within_s)
+        await self._ordered(caller, rates, self._within_s, stops_given=None if rates.none else stops_given)
         if not rates.none:
-            self._caller, self._rates = caller, rates
             name = f"keeps rates of {self._telescope_id}"
             # they end by themselves
-            self._task = begun(self._keep(caller, rates, lives), name, died=lambda _: None)
-
-    async def end(self, *, of: Callable[[Caller], bool] = lambda caller: True) -> None:
-        """End those that are kept, if one of these callers ordered them; else they end by themselves."""
-        caller = self._caller
-        if caller is None or not of(caller):
-            return
-        await self._end_keeping()
-        with contextlib.suppress(NotTaken):
-            await self._ordered(caller, OffsetRates(0.0, 0.0))
+            self._task = begun(self._keep(caller, rates, silent_s, ends_s), name, died=lambda _: None)
 
     async def close(self) -> None:
         """Put their end off no more."""
@@ -324,15 +316,14 @@ class KeptRates:
 
     async def _end_keeping(self) -> None:
         task, self._task = self._task, None
-        self._caller = self._rates = None
         if task is not None:
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
 
-    async def _ordered(self, caller: Caller, rates: OffsetRates, *, stops_given: int | None = None) -> None:
-        order = OffsetRatesOrder(
-            ra_arcsec_s=rates.ra_arcsec_s, dec_arcsec_s=rates.dec_arcsec_s, for_s=self._within_s
-        )
+    async def _ordered(
+        self, caller: Caller, rates: OffsetRates, for_s: float, *, stops_given: int | None = None
+    ) -> None:
+        order = OffsetRatesOrder(ra_arcsec_s=rates.ra_arcsec_s, dec_arcsec_s=rates.dec_arcsec_s, for_s=for_s)
         try:
             job = await self._dispatcher.order(caller, self._telescope_id, order, stops_given=stops_given)
         except (Refused, MountnavError) as refusal:
@@ -343,21 +334,28 @@ class KeptRates:
         if job.problem is not None:
             raise NotTaken(job.problem)
 
-    async def _keep(self, caller: Caller, rates: OffsetRates, lives: Callable[[], bool]) -> None:
+    async def _keep(
+        self, caller: Caller, rates: OffsetRates, silent_s: Callable[[], float | None], ends_s: float
+    ) -> None:
+        """Put their end off to `within_s` after the program's last word, as often as there was a new one."""
         mount = self._dispatcher.telescope(self._telescope_id).navigator.mount
-        wait_s = 0.5 * self._within_s
+        loop, span_s = asyncio.get_running_loop(), real_s(self._within_s)
+        wait_s = span_s / _LOOKS
         while True:
             await asyncio.sleep(wait_s)
-            force = mount.offset_rates_in_force
-            if force is None or force.rates != rates or not lives():
+            wait_s = span_s / _LOOKS
+            force, silence_s = mount.offset_rates_in_force, silent_s()
+            if force is None or force.rates != rates or silence_s is None:
                 # ended by a stop, a slew, or another face; or nobody is there any more
-                self._caller = self._rates = None
                 return
+            left_s, remaining_s = span_s - silence_s, ends_s - loop.time()
+            if remaining_s > _DUE * span_s or left_s < remaining_s + _WORTH_IT * span_s:
+                continue
+            wanted_s = loop.time() + left_s
             try:
-                await self._ordered(caller, rates)
-                wait_s = 0.5 * self._within_s
+                await self._ordered(caller, rates, sky_s(left_s))
+                ends_s = wanted_s
             except NotTaken as refusal:
                 if not refusal.problem.type.endswith(f":{Busy.slug}"):
-                    self._caller = self._rates = None
                     return
                 wait_s = min(_RATES_AGAIN_S, wait_s)

@@ -254,6 +254,10 @@ class RotateOrder(RotateFields, OrderBody):
     kind: Literal["rotate"] = "rotate"
 
 
+_Pair = Annotated[tuple[float, float], Field(strict=False)]
+"""JSON has lists alone: a strict tuple refuses every one of them. Its numbers stay strict."""
+
+
 class MosaicFields(Body):
     """Which panels, how each is centered, and what it is left for."""
 
@@ -264,7 +268,7 @@ class MosaicFields(Body):
         default=None, gt=0, le=40, description="Of the field; left out: the look camera's, by solves"
     )
     height_deg: float | None = Field(default=None, gt=0, le=40)
-    offsets_arcsec: list[tuple[float, float]] | None = Field(
+    offsets_arcsec: list[_Pair] | None = Field(
         default=None,
         min_length=1,
         max_length=MOST_PANELS,

@@ -12,11 +12,11 @@ from mountnav.ephemeris.csv_table import looks_like_csv, read_csv_table
 from mountnav.ephemeris.elements import OrbitElements
 from mountnav.ephemeris.ephemeris import Ephemeris
 from mountnav.ephemeris.horizons import looks_like_horizons, read_horizons
-from mountnav.ephemeris.mpc import read_mpc_json, read_mpc_lines
+from mountnav.ephemeris.mpc import SHORTEST_ORBIT_LINE, read_mpc_json, read_mpc_lines
 from mountnav.ephemeris.mpes import looks_like_mpes, read_mpes
 from mountnav.ephemeris.omm import looks_like_omm, read_omm
 from mountnav.ephemeris.satellite import EarthSatellite, SatelliteElements
-from mountnav.ephemeris.sbdb import looks_like_sbdb, read_sbdb
+from mountnav.ephemeris.sbdb import looks_like_sbdb, read_sbdb, require_orbit
 from mountnav.ephemeris.small_body import SmallBody
 from mountnav.ephemeris.table import Observer, Table
 from mountnav.ephemeris.tle import looks_like_tle, read_tle
@@ -39,6 +39,7 @@ def ephemeris_of_text(text: str, *, made_for: Observer | None = None) -> Ephemer
     BadRequest
         It is none of these, something in it is wrong, or it holds several.
     """
+    text = without_mark(text)
     if looks_like_table(text):
         return read_table(text, made_for=made_for)
     if looks_like_omm(text) or looks_like_tle(text):
@@ -48,6 +49,11 @@ def ephemeris_of_text(text: str, *, made_for: Observer | None = None) -> Ephemer
     orbits = read_elements(text)
     _require_one(len(orbits))
     return SmallBody(orbits[0])
+
+
+def without_mark(text: str) -> str:
+    """The text without the mark that some programs write at its beginning (U+FEFF)."""
+    return text.removeprefix("\ufeff")
 
 
 def _require_one(count: int) -> None:
@@ -66,6 +72,7 @@ def read_satellites(text: str) -> tuple[SatelliteElements, ...]:
     BadRequest
         It is none of these, or something in it is wrong.
     """
+    text = without_mark(text)
     if looks_like_omm(text):
         return read_omm(text)
     if looks_like_tle(text):
@@ -90,19 +97,32 @@ def read_elements(text: str) -> tuple[OrbitElements, ...]:
     BadRequest
         It is none of these, or something in it is wrong.
     """
+    text = without_mark(text)
     if text.lstrip()[:1] in ("{", "["):
         try:
             found = json_of(text)
         except json.JSONDecodeError as wrong:
             raise BadRequest(f"the JSON is broken at line {wrong.lineno}: {wrong.msg}") from wrong
         return tuple(_of_json(found))
+    if text.strip() and max(len(line.rstrip()) for line in text.splitlines()) < SHORTEST_ORBIT_LINE:
+        raise BadRequest(
+            f"it is in none of the forms that are read: {text.strip()[:40]!r} ...", advice=_FORMS
+        )
     found_lines = tuple(read_mpc_lines(text.splitlines()))
     if not found_lines:
         raise BadRequest("there are no orbital elements in it")
     return found_lines
 
 
+_FORMS = (
+    "elements of the MPC (MPCORB, CometEls, JSON), of JPL's SBDB, TLE, OMM, tables of Horizons and the MPES, "
+    "and CSV with a line of column names are"
+)
+
+
 def _of_json(found: Any) -> list[OrbitElements]:
+    if isinstance(found, dict):
+        require_orbit(found)
     if isinstance(found, dict) and looks_like_sbdb(found):
         return [read_sbdb(found)]
     if isinstance(found, dict) and isinstance(found.get("mpc_orb"), dict):
@@ -121,6 +141,7 @@ def _of_json(found: Any) -> list[OrbitElements]:
 
 def looks_like_table(text: str) -> bool:
     """Whether a text is a table of one of the kinds that `read_table` reads."""
+    text = without_mark(text)
     return looks_like_horizons(text) or looks_like_mpes(text) or looks_like_csv(text)
 
 
@@ -138,6 +159,7 @@ def read_table(text: str, *, made_for: Observer | None = None) -> Table:
     BadRequest
         It is none of these, or something in it is wrong or ambiguous.
     """
+    text = without_mark(text)
     if looks_like_horizons(text):
         return read_horizons(text)
     if looks_like_mpes(text):

@@ -44,9 +44,14 @@ _APPARENT_SIGMA_ARCSEC: Final = 0.35
 """As of Horizons' apparent places: of the aberration of the turning Earth, and of the equinox."""
 
 
+_NAMES: Final = re.compile(
+    r"^[a-z_]+[ \t]*[,;\t][a-z_,;\t ]*\b(?:ra_deg|ra_hms|dec_deg|dec_dms)\b", re.MULTILINE
+)
+
+
 def looks_like_csv(text: str) -> bool:
-    """Whether a text has a header line with a time and places, separated by commas."""
-    return re.search(r"(?m)^(utc|jd_utc)[ \t]*,", text) is not None
+    """Whether a text has a line of columns' names; what is wrong with them is told when it is read."""
+    return _NAMES.search(text) is not None
 
 
 def read_csv_table(text: str) -> Table:
@@ -74,6 +79,8 @@ def read_csv_table(text: str) -> Table:
                 said[key.strip().lower()] = value.strip()
             continue
         if columns is None:
+            if "," not in line:
+                raise BadRequest(f"{at}: columns are separated by commas, not by {_separator(line)}")
             columns = _header([one.strip() for one in line.split(",")], at)
             observer, apparent = _observer(said.get("observer")), _is_apparent(said.get("frame"))
             continue
@@ -90,6 +97,10 @@ def read_csv_table(text: str) -> Table:
     return Table(
         said.get("name", "a target by a table")[:80] or "a target by a table", tuple(rows), observer, digits
     )
+
+
+def _separator(line: str) -> str:
+    return "semicolons" if ";" in line else "tabs"
 
 
 def _header(columns: list[str], at: str) -> list[str]:

@@ -150,6 +150,9 @@ def _observer(header: list[str]) -> Observer:
 
 def _columns(header: list[str]) -> _Columns:
     titles = [line for line in header if line.lstrip().startswith("Date_")]
+    kind = _told(header, "Output type")
+    if not titles and kind is not None:
+        raise BadRequest(f"it is no observer table, but one of {kind[:60]}", advice=_ASK)
     if not titles:
         raise BadRequest("the table has no header line that begins with Date", advice=_ASK)
     title = titles[-1]

@@ -30,7 +30,7 @@ from mountnav.ephemeris.ephemeris import Ephemeris
 from mountnav.ephemeris.mpc import mpc_lines, read_mpc_json, read_mpc_line
 from mountnav.ephemeris.omm import looks_like_omm, read_omm
 from mountnav.ephemeris.satellite import EarthSatellite, SatelliteElements
-from mountnav.ephemeris.sbdb import looks_like_sbdb, read_sbdb
+from mountnav.ephemeris.sbdb import looks_like_sbdb, read_sbdb, require_orbit
 from mountnav.ephemeris.small_body import SmallBody
 from mountnav.ephemeris.tle import iterate_tle, looks_like_tle
 from mountnav.errors import BadRequest, NotFound
@@ -595,6 +595,7 @@ def _read_json(path: Path, packed: bool) -> Iterator[Elements | str]:
         try:
             if not isinstance(record, dict):
                 raise BadRequest(f"{at} is not a JSON object")
+            require_orbit(record)
             if looks_like_sbdb(record):
                 yield read_sbdb(record)
             elif "MEAN_MOTION" in record:

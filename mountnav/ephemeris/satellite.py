@@ -117,9 +117,8 @@ class SatelliteElements:
         )
         for what, value, low, high, unit in bounds:
             if not low <= value <= high:
-                raise BadRequest(
-                    f"{self.name}: a {what} of {value:g} {unit} is impossible for an Earth satellite".rstrip()
-                )
+                told = f"{value:.9g} {unit}".rstrip()
+                raise BadRequest(f"{self.name}: {what} {told} is impossible for an Earth satellite")
         if not 0 <= self.norad_id < 1_000_000_000:
             raise BadRequest(f"{self.name}: {self.norad_id} is not a catalog number")
 

@@ -22,6 +22,29 @@ def looks_like_sbdb(record: object) -> bool:
     return isinstance(record, Mapping) and "orbit" in record and "object" in record
 
 
+def require_orbit(found: dict[str, Any]) -> None:
+    """Refuse what JPL answers when it has nothing, or several objects, in its own words.
+
+    Raises
+    ------
+    BadRequest
+        It is such an answer.
+    """
+    signature = found.get("signature")
+    source = signature.get("source") if isinstance(signature, dict) else None
+    said = found.get("error") or found.get("message")
+    if not isinstance(source, str) or not isinstance(said, str) or looks_like_sbdb(found):
+        return
+    several = found.get("list")
+    listed = several if isinstance(several, list) else []
+    names = [str(one.get("name")) for one in listed if isinstance(one, dict)]
+    which = f" ({', '.join(names[:5])[:120]})" if names else ""
+    raise BadRequest(
+        f"it is no orbit: {source[:60]} says {said.strip()[:160]!r}{which}",
+        advice="ask for one object, by its designation",
+    )
+
+
 def read_sbdb(record: Mapping[str, Any]) -> OrbitElements:
     """An answer of SBDB.
 

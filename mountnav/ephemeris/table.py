@@ -43,6 +43,12 @@ are off by arcseconds."""
 _MOST_ERROR_DEG: Final = 1.0
 """A place whose interpolation is less certain than this is refused. Doubled, a wild guess is offered."""
 
+_SLIP_TIMES: Final = 20.0
+_SLIP_ARCSEC: Final = 5.0
+"""A row is taken for a slip (a wrong digit, a row of something else) if it lies so many times farther off the
+way of its neighbors than these disagree, and at least that far. Halved, a table whose last digits are rough
+may be refused."""
+
 Observer = Literal["geocenter", "here"] | Site
 """Whom a table is for: the Earth's center, wherever it is used, or a place on the ground."""
 
@@ -85,7 +91,8 @@ class Table:
     Raises
     ------
     BadRequest
-        Too few or too many rows, times that don't grow, or steps too long for what the table tells.
+        Too few or too many rows, times that don't grow, steps too long for what the table tells, or a row
+        that lies beside the way of all others.
     """
 
     name: str
@@ -131,6 +138,7 @@ class Table:
                     vector = vector + here + _while_light_comes(row.utc, vector, vector + here)
             vectors.append(vector)
         object.__setattr__(self, "_vectors", tuple(vectors))
+        self._require_no_slip()
 
     @property
     def has_distance(self) -> bool:
@@ -169,6 +177,34 @@ class Table:
         told = max(self.rows[row].sigma_arcsec, self.rows[row + 1].sigma_arcsec)
         # a rounded number is anywhere within its last digit
         return math.hypot(told, self.rounding_arcsec / math.sqrt(12.0), self._error_arcsec(utc))
+
+    def _require_no_slip(self) -> None:
+        """Refuse a row that its neighbors contradict, where they agree among each other.
+
+        Where the table is too coarse for its motion they don't, and nothing is said of any row.
+        """
+        count = len(self._times_s)
+        if count <= _NODES:
+            return
+        times_s, vectors = np.array(self._times_s), np.array(self._vectors)
+        rows = np.arange(count)
+        first = np.clip(rows - _NODES // 2, 0, count - _NODES - 1)
+        near = first[:, None] + np.arange(_NODES + 1)
+        others = near[near != rows[:, None]].reshape(count, _NODES)
+        # the nearest four of the six
+        order = np.argsort(np.abs(others - rows[:, None]), axis=1, kind="stable")
+        fewer = np.take_along_axis(others, order[:, : _NODES - 2], axis=1)
+        fine, coarse = (_units(_predicted(times_s, vectors, nodes)) for nodes in (others, fewer))
+        off = ARCSEC_PER_RAD * np.linalg.norm(_units(vectors) - fine, axis=1)
+        apart = ARCSEC_PER_RAD * np.linalg.norm(fine - coarse, axis=1)
+        bound = np.maximum(_SLIP_TIMES * np.maximum(apart, self.rounding_arcsec), _SLIP_ARCSEC)
+        worst = int(np.argmax(off / bound))
+        if off[worst] > bound[worst]:
+            raise BadRequest(
+                f"{self.name}: row {worst + 1} ({self.rows[worst].utc:%Y-%m-%d %H:%M} UTC) lies "
+                f"{off[worst] / 3600.0:.3g}° beside the way of the rows around it",
+                advice="a wrong digit, or a row of something else: correct it, or leave it out",
+            )
 
     def _require_observer(self, utc: datetime, site: Site) -> None:
         if self.has_distance or self.observer == "here":
@@ -209,7 +245,15 @@ class Table:
         return way / (end - begin).total_seconds()
 
     def _error_arcsec(self, utc: datetime) -> float:
-        """How much the places differ that are drawn through all nodes, and through two fewer."""
+        """How much the places differ that are drawn through all nodes, and through two fewer.
+
+        Halfway between two rows, too: at a row both go through it, however wrong it is.
+        """
+        row = self._row(utc)
+        middle = self.rows[row].utc + (self.rows[row + 1].utc - self.rows[row].utc) / 2
+        return max(self._drawn_apart_arcsec(utc), self._drawn_apart_arcsec(middle))
+
+    def _drawn_apart_arcsec(self, utc: datetime) -> float:
         fine, coarse = self._interpolated(utc, _NODES), self._interpolated(utc, _coarser(len(self.rows)))
         return separation_arcsec(direction(fine), direction(coarse))
 
@@ -248,4 +292,23 @@ def _lagrange(times_s: Sequence[float], vectors: Sequence[Vector], at_s: float) 
             if other != row:
                 weight *= (at_s - other_s) / (time_s - other_s)
         total = total + vector * weight
+    return total
+
+
+def _units(vectors: Vector) -> Vector:
+    """Their directions: how far the target is may be rounded coarsely."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
+
+
+def _predicted(times_s: Vector, vectors: Vector, nodes: NDArray[np.intp]) -> Vector:
+    """Where each row would be by the polynomial through other rows, whose numbers `nodes` has."""
+    at_s, count = times_s, nodes.shape[1]
+    total = np.zeros_like(vectors)
+    for one in range(count):
+        weight = np.ones(len(at_s))
+        for other in range(count):
+            if other != one:
+                other_s = times_s[nodes[:, other]]
+                weight *= (at_s - other_s) / (times_s[nodes[:, one]] - other_s)
+        total += vectors[nodes[:, one]] * weight[:, None]
     return total

@@ -17,6 +17,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -70,6 +71,7 @@ from mountnav.navigation.rates_seen import (
     MOST_PLAY_ARCSEC,
     TIME_SIGMA_S,
     OrderedRates,
+    RateCorrection,
     RateFault,
     RateLook,
     RatesJudgement,
@@ -126,6 +128,9 @@ much: before a look is taken the tube may be degrees away. Doubled, a factor of 
 ALARM_AFTER_S = 3.0
 """So long after the first rates the mount is read for that, s. Doubled, a factor of 220 leads twice as
 far."""
+MOST_WITHDRAWN = 2
+"""A fault whose correction looks have contradicted so often isn't corrected any more: the mount can't say
+such rates, or keeps slow ones otherwise than fast ones. Doubled, it is led to and fro for minutes more."""
 BEFORE_LIMIT_S = 20.0
 """So long before a limit following ends, s: before the watch over the limits would stop the mount. Doubled,
 so much of the path is lost."""
@@ -189,6 +194,12 @@ WORST_CENTER_ARCSEC = 30.0
 """A center whose error isn't known is taken to be so far off, ″. Doubled, such looks count for less."""
 MISSES = 6
 """Looks in a row that weren't solved, after which that is told once more."""
+
+
+def _unlike(sent: OffsetRates, before: OffsetRates) -> bool:
+    """Whether an order differs from the one before by more than the target's own motion changes."""
+    change = math.hypot(sent.ra_arcsec_s - before.ra_arcsec_s, sent.dec_arcsec_s - before.dec_arcsec_s)
+    return change > max(0.5, 0.1 * math.hypot(before.ra_arcsec_s, before.dec_arcsec_s))
 
 
 def _clipped(target: Ephemeris, site: Site) -> Path:
@@ -399,6 +410,10 @@ class Following:
         self._slips = 0
         self._creep, self._by_reading = Offset(0.0, 0.0), False
         self._anchor: RateLook | None = None
+        self._withdrawn: Counter[str] = Counter()
+        """How often corrections for a fault were contradicted, by its name."""
+        self._changed: RateLook | None = None
+        """Where the mount said to be as what it is sent changed by more than the target asks for."""
         self._stated: list[float] = []
         self._kept: list[OrderedRates] = []
         self._sent: list[OrderedRates] = []
@@ -415,6 +430,7 @@ class Following:
         self._fault: RateFault | None = None
         self._off: tuple[float, float] | None = None
         self._order_s, self._alarms, self._wrong, self._tried = 0.1, 0, 0, False
+        self._trial: RateCorrection | None = None
         self._events: tuple[SkyEvent, ...] = ()
         self.notes: list[str] = []
         self.plan: FollowPlan | None = None
@@ -778,6 +794,9 @@ class Following:
                 advice="see the journal for what; order it again when it is safe",
             )
         await self._read_on(plan)
+        if self._by is not FollowBy.RATES:
+            # its readings have shown that it keeps none: nothing goes out any more
+            return 0.0
         now = clock.utc()
         # they take effect about in the middle of the order: what counts is where both are then
         takes = now + timedelta(seconds=0.5 * self._order_s)
@@ -816,6 +835,13 @@ class Following:
             await self._fall_back(f"the mount refused the rates: {error.what}")
             return 0.0
         done = clock.utc()
+        otherwise = bool(self._sent) and _unlike(sent, self._sent[-1].rates)
+        if otherwise and not plan.fast:
+            # caught up, tried, withdrawn: its readings are the first to tell what comes of it
+            reading = await mount.reading()
+            place = for_mount(from_mount(reading.place), mount.epoch, reading.utc)
+            sigma = max(2.0, mount.resolution_arcsec)
+            self._changed = RateLook(reading.utc, place, sigma, reading.side)
         at = now + 0.5 * (done - now)
         self._order_s += 0.3 * ((done - now).total_seconds() - self._order_s)
         first = not self._in_force
@@ -826,7 +852,7 @@ class Following:
         if self._leg_from is None and (not steady or catch.total_arcsec == 0.0):
             self._leg_from = at
         self._prune(at)
-        if first and not plan.fast:
+        if not plan.fast and (first or (otherwise and span_s > 4.0 * ALARM_AFTER_S)):
             return min(ALARM_AFTER_S, span_s)
         return span_s
 
@@ -851,6 +877,9 @@ class Following:
         """What the mount's own readings show: where it is by a fast target, else whether all goes wrong."""
         if not self._sent or not self._in_force:
             return
+        if not plan.fast and self._changed is not None:
+            await self._read_on_changed(self._changed)
+            return
         since_s = (self._clock.utc() - self._sent[0].since_utc).total_seconds()
         if not plan.fast and since_s > 4.0 * ALARM_AFTER_S:
             return
@@ -870,6 +899,27 @@ class Following:
         wrong = separation_arcsec(from_mount(place), from_mount(thought))
         if since_s >= 0.5 * ALARM_AFTER_S and wrong > ALARM_FACTOR * speed * led_s + ALARM_ARCSEC_S * led_s:
             await self._alarm(place, reading.utc, wrong, led_s)
+
+    async def _read_on_changed(self, then: RateLook) -> None:
+        """Whether what it is sent otherwise than before leads it away."""
+        led_s = (self._clock.utc() - then.utc).total_seconds()
+        if led_s < 0.5 * ALARM_AFTER_S:
+            return
+        self._changed = None
+        if led_s > 4.0 * ALARM_AFTER_S:
+            return
+        reading = await self._mount.reading()
+        self._side = reading.side
+        place = for_mount(from_mount(reading.place), self._mount.epoch, reading.utc)
+        thought = TubeEstimate.of(then.place, then.utc, then.sigma_arcsec).at(reading.utc, self._kept)
+        rates = self._kept[-1].rates
+        speed = math.hypot(rates.ra_arcsec_s * math.cos(math.radians(place.dec_deg)), rates.dec_arcsec_s)
+        wrong = separation_arcsec(from_mount(place), from_mount(thought))
+        led_s = max((reading.utc - then.utc).total_seconds(), 1e-3)
+        if wrong > (ALARM_FACTOR * speed + ALARM_ARCSEC_S) * led_s + 2.0 * then.sigma_arcsec:
+            self._anchor = then
+            await self._alarm(place, reading.utc, wrong, led_s)
+            self._anchor = None
 
     async def _read_on_fast(self, place: Apparent | Icrs, seen: Icrs, utc: datetime) -> None:
         """Where the mount is by a fast target; whether it goes as it was ordered."""
@@ -1012,6 +1062,7 @@ class Following:
         """What was seen before says nothing of the rates any more."""
         self._sent, self._kept, self._leg, self._leg_from = [], [], [], None
         self._anchor, self._slips, self._played = None, 0, None
+        self._changed = None
         self._creep, self._by_reading = Offset(0.0, 0.0), False
 
     def _prune(self, utc: datetime) -> None:
@@ -1059,6 +1110,8 @@ class Following:
             if found is not None:
                 await self._took(found)
                 await self._stands(found)
+            else:
+                await self._doubt_trial()
             judged = self._judgement is not None and self._judgement.verdict == "right"
             soon = self._looks < FIRST_LOOKS and not judged
             every_s = min(self._look_every_s, 15.0) if soon else self._look_every_s
@@ -1157,6 +1210,30 @@ class Following:
         if self._missed in (1, MISSES):
             self._note(f"{self._missed} look(s) in a row could not be used: {why}")
         self._tell(self._phase, f"a look could not be used: {why}")
+
+    @property
+    def _on_trial(self) -> bool:
+        """Whether rates are sent by a guess that no look has confirmed yet."""
+        trial = self._trial
+        return trial is not None and self._rates.correction is trial and not self._rates.confirmed
+
+    async def _doubt_trial(self) -> None:
+        """Give a guess up since which a look showed nothing: it may lead away, and draw the stars out.
+
+        A mount that takes fast rates rightly, and slow ones not at all, went on so at 15 times the target's.
+        """
+        if not self._on_trial:
+            return
+        async with self._hand:
+            self._require_wanted()
+            trial = self._trial
+            assert trial is not None
+            why = f"a look showed nothing while it was tried whether {trial.words}"
+            await self._learned(lambda: self._rates.withdraw(f"withdrawn: {why}"))
+            self._kept = list(self._sent)
+            await self._fall_back(why)
+            await self._hop()
+        self._wake.set()
 
     async def _took(self, found: Look) -> None:
         """What a look shows: how far off it is, and at which rates the mount went."""
@@ -1286,6 +1363,7 @@ class Following:
             return
         if rates.correction is not None and rates.correction.holds(self._side):
             was = rates.correction.words
+            self._withdrawn[str(rates.correction.fault)] += 1
             self._note(f"the correction is withdrawn, looks contradict it: {judged.words}")
             await self._learned(lambda: rates.withdraw(f"withdrawn ({was}): {judged.words}"))
             # what it made of the numbers that it was sent tells more than what was to come out
@@ -1299,7 +1377,7 @@ class Following:
         if judged.verdict == "fault":
             self._fault = judged.fault
             self._note(judged.words)
-            if judged.correction is not None:
+            if judged.correction is not None and self._withdrawn[str(judged.fault)] < MOST_WITHDRAWN:
                 correction = judged.correction
                 await self._learned(lambda: rates.try_on(correction))
                 self._begin_anew()
@@ -1312,7 +1390,8 @@ class Following:
         self._wrong += 1
         if judged.trial is not None and not self._tried:
             self._tried = True
-            trial = judged.trial
+            trial = self._trial = judged.trial
+            self._missed = 0
             self._note(f"{judged.words}; to tell, it is tried whether {trial.words}")
             await self._learned(lambda: rates.try_on(trial))
             self._begin_anew()

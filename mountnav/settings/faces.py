@@ -130,12 +130,16 @@ class IndiServerSettings(_Door, _HandMotions):
         any case.
     move_axis_s, offset_rates_s : float
         Ends of motion keys and custom rates: a key that isn't released ends so long after it was pressed, s;
-        custom rates end at most so long after the connection that set them, s.
+        custom rates end so long after the client that set them was last heard, s. A client that answers pings
+        is heard as long as it lives; others, and those behind an `indiserver`, by what they say themselves.
+    silence_s : float
+        An axis is stopped when a client that answers pings has answered none for so long, s.
     telescopes : tuple of str
         Those that are shown; all if none is named.
     """
 
     port: int = Field(default=7624, ge=0, le=65535)
+    silence_s: float = Field(default=5.0, gt=0, le=60)
     telescopes: tuple[str, ...] = Field(default=(), max_length=100)
 
 

@@ -13,10 +13,11 @@ from mountnav.devices import OffsetRates
 from mountnav.ephemeris import SkyRatesTarget
 from mountnav.errors import BadRequest, Cancelled, DeviceRefused, OutsideLimits
 from mountnav.journal.records import EntryKind
-from mountnav.navigation.follow import FollowEnd, FollowProgress, FollowReport
+from mountnav.navigation.follow import FollowEnd, Following, FollowProgress, FollowReport
 from mountnav.navigation.follow_plan import FollowBy
 from mountnav.navigation.rates_kept import RATES_KEPT
 from mountnav.navigation.rates_seen import RateFault as Named
+from mountnav.navigation.reports import Look
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.rate_faults import RateFault
 from mountnav.sky.sphere import separation_arcsec
@@ -163,6 +164,28 @@ def test_what_no_order_makes_good_is_followed_by_other_means(named: Named, fault
     assert done.rig.navigator.rates.correction is None
     assert done.report.by is not FollowBy.RATES
     # small slews leave what they leave, and that is told
+    assert sorted(done.truly)[len(done.truly) // 2] <= TOLERANCE
+    assert done.left == (0.0, 0.0)
+
+
+@pytest.mark.long
+def test_a_guess_since_which_nothing_is_seen_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    # tried is whether 15 times as much comes out right: where it does not, it may lead away at 30″/s, and no
+    # frame shows stars any more
+    looked = Following._looked
+
+    async def blind(self: Following, exposure_s: float) -> Look | None:
+        if self._on_trial:
+            self._miss("no stars")
+            return None
+        return await looked(self, exposure_s)
+
+    monkeypatch.setattr(Following, "_looked", blind)
+    ignored = RateFault(ra_factor=0.0, dec_factor=0.0)
+    done = followed(2.0, 1.2, fault=ignored, settled_s=420.0, minutes=15.0)
+    assert any("a look showed nothing while it was tried whether" in note for note in done.report.notes)
+    assert done.rig.navigator.rates.correction is None
+    assert done.report.by is not FollowBy.RATES
     assert sorted(done.truly)[len(done.truly) // 2] <= TOLERANCE
     assert done.left == (0.0, 0.0)
 

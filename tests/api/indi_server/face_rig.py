@@ -181,12 +181,12 @@ class Raw:
 
 
 @asynccontextmanager
-async def raw_client(server: IndiServer, *, asking: bool = True) -> AsyncIterator[Raw]:
-    """A raw client that knows the device `east`."""
+async def raw_client(server: IndiServer, *, asking: bool = True, device: str = "east") -> AsyncIterator[Raw]:
+    """A raw client that knows the device `east`; with "" it asks for all there are, as no server does."""
     raw = Raw(*await asyncio.open_connection(*server.address))
     try:
         if asking:
-            await raw.asked()
+            await raw.asked(device=device)
         yield raw
     finally:
         await raw.close()

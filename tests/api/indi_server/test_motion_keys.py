@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 from collections.abc import AsyncIterator
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from mountnav.sky.sphere import separation_arcsec
 from tests.api.indi_server.face_rig import (
     OBSERVATORY,
+    Raw,
     indi_observatory,
     mechanics_of,
     raw_client,
@@ -127,23 +129,84 @@ async def test_custom_rates_by_indis_own_programs(indi: tuple[Service, IndiServe
     assert reading.tracking
 
 
+async def set_rates(raw: Raw, service: Service) -> None:
+    """As a client does, once."""
+    await raw.say(
+        messages.new_numbers(
+            "east", "TELESCOPE_TRACK_RATE", {"TRACK_RATE_RA": STAR_ARCSEC_S, "TRACK_RATE_DE": 1.0}
+        ),
+        switch("TELESCOPE_TRACK_MODE", "TRACK_CUSTOM"),
+    )
+    mount = service.observatory.telescope("east").navigator.mount
+    await until(lambda: mount.offset_rates_in_force is not None, "in force")
+
+
+async def answer(raw: Raw, answered: int = 0) -> int:
+    """Answer the pings that came, as INDI's own clients do; how many came in all."""
+    asked = [event.uid for event in raw.heard if isinstance(event, messages.Pinged)]
+    for uid in asked[answered:]:
+        await raw.say(messages.ping_reply(uid))
+    return len(asked)
+
+
 @pytest.mark.long
-async def test_custom_rates_are_put_off_while_the_client_stays(indi: tuple[Service, IndiServer]) -> None:
+async def test_custom_rates_are_put_off_while_the_client_answers(tmp_path: Path) -> None:
+    longer = OBSERVATORY.replace("[indi_server]\n", "[indi_server]\noffset_rates_s = 8.0\n")
+    async with indi_observatory(tmp_path, longer) as (service, server):
+        telescope = service.observatory.telescope("east")
+        await telescope.ready()
+        mount = telescope.navigator.mount
+        await mount.slew(up_now(-20.0, 30.0))
+        async with raw_client(server, device="") as raw:
+            await set_rates(raw, service)
+            force = first = mount.offset_rates_in_force
+            assert first is not None
+            answered = 0
+            while force.ends_utc < first.ends_utc + timedelta(seconds=4.0):
+                answered = await answer(raw, answered)
+                await asyncio.sleep(0.1)
+                force = mount.offset_rates_in_force
+                assert force is not None
+            # it hangs, and its connection stays
+            await until(lambda: mount.offset_rates_in_force is None, "over")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("through_a_server", [False, True])
+async def test_custom_rates_of_a_client_that_only_stays_end(
+    indi: tuple[Service, IndiServer], through_a_server: bool
+) -> None:
     service, server = indi
     mount = service.observatory.telescope("east").navigator.mount
-    async with raw_client(server) as raw:
-        await raw.say(
-            messages.new_numbers(
-                "east", "TELESCOPE_TRACK_RATE", {"TRACK_RATE_RA": STAR_ARCSEC_S, "TRACK_RATE_DE": 1.0}
-            ),
-            switch("TELESCOPE_TRACK_MODE", "TRACK_CUSTOM"),
-        )
-        await until(lambda: mount.offset_rates_in_force is not None, "in force")
-        for _ in range(35):
-            await asyncio.sleep(0.1)
-            assert mount.offset_rates_in_force is not None
-        await raw.say(switch("TELESCOPE_TRACK_MODE", "TRACK_SIDEREAL"))
-        await until(lambda: mount.offset_rates_in_force is None, "ended")
+    # an indiserver asks for a device of its own clients, and answers for them whether they live or not
+    async with raw_client(server, device="east" if through_a_server else "") as raw:
+        await set_rates(raw, service)
+        answered = 0
+        while mount.offset_rates_in_force is not None:
+            await asyncio.sleep(0.05)
+            if through_a_server:
+                answered = await answer(raw, answered)
+        # nobody else ended them
+        assert not raw.closed
+
+
+@pytest.mark.long
+async def test_a_key_of_a_client_that_hangs_is_ended_before_its_time(tmp_path: Path) -> None:
+    short = OBSERVATORY.replace("[indi_server]\n", "[indi_server]\nmove_axis_s = 60.0\nsilence_s = 1.0\n")
+    async with indi_observatory(tmp_path, short) as (service, server):
+        telescope = service.observatory.telescope("east")
+        await telescope.ready()
+        await telescope.navigator.mount.slew(up_now(-20.0, 30.0))
+        async with raw_client(server) as raw:
+            await raw.say(switch("TELESCOPE_SLEW_RATE", "SLEW_GUIDE"), switch(NS, "MOTION_SOUTH"))
+            await until(lambda: moving(service), "moving")
+            answered = 0
+            for _ in range(20):
+                await asyncio.sleep(0.1)
+                answered = await answer(raw, answered)
+                assert moving(service)
+            await until(lambda: not moving(service), "at rest")
+            await raw.until(lambda: any("answered nothing for 1 s" in words for words in raw.words()), "told")
 
 
 async def program(server: IndiServer, name: str, *words: str) -> str:

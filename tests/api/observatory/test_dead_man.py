@@ -367,6 +367,7 @@ def test_none_of_many_outlive_a_service_that_is_killed_at_any_moment(
     print(f"ended after {max(took):.2f} s at most")
 
 
+_INDI = "poll_s=0.1&heartbeat_s=0.5&set_site=yes&set_clock=yes"
 FAMILIES = {
     "skywatcher": ("skywatcher+serial://{device}", ("skywatcher", ""), ("rates", "axis")),
     "nexstar": ("nexstar+serial://{device}", ("nexstar", ""), ("rates", "axis")),
@@ -374,6 +375,8 @@ FAMILIES = {
     "astro-physics": ("lx200+serial://{device}?dialect=ap", ("lx200", "ap"), ("ra",)),
     "am5": ("lx200+serial://{device}?dialect=am5", ("lx200", "am5"), ("axis",)),
     "alpaca": ("{device}", ("alpaca", ""), ("rates", "axis")),
+    "indi-eqmod": (f"{{device}}?{_INDI}", ("indi", "indi_eqmod_telescope"), ("rates", "axis")),
+    "indi-ioptron": (f"{{device}}?{_INDI}", ("indi", "indi_ioptronv3_telescope"), ("ra", "axis")),
 }
 """How each family's URL is written, its fake, and what its protocol lets go on by itself; OnStep is above."""
 

@@ -146,6 +146,9 @@ TARGET = {"kind": "icrs", "ra_deg": 10.0, "dec_deg": 10.0}
         {"kind": "mosaic", "target": TARGET, "across": 2, "down": 2, "dwell_s": 5.0},
         {"kind": "mosaic", "target": TARGET, "across": 2, "down": 2, "width_deg": 1.0},
         {"kind": "mosaic", "target": TARGET, "offsets_arcsec": [[0.0, 0.0]] * 401},
+        {"kind": "mosaic", "target": TARGET, "offsets_arcsec": [[0.0]]},
+        {"kind": "mosaic", "target": TARGET, "offsets_arcsec": [["0", 0.0]]},
+        {"kind": "mosaic", "target": TARGET, "offsets_arcsec": [[float("nan"), 0.0]]},
         {"kind": "center", "target": TARGET, "either_way": True},
         {"kind": "center", "target": TARGET, "position_angle_deg": 360.0},
         {"kind": "center", "target": TARGET, "at": {"x_px": 1.0}},
@@ -158,6 +161,13 @@ TARGET = {"kind": "icrs", "ra_deg": 10.0, "dec_deg": 10.0}
 def test_orders_that_make_no_sense_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         ORDER.validate_python(wrong)
+
+
+def test_a_pattern_comes_as_lists_as_json_has_them() -> None:
+    given = {"kind": "mosaic", "target": TARGET, "offsets_arcsec": [[0.0, 0], [600, -300.5]]}
+    made = ORDER.validate_python(given)
+    assert isinstance(made, MosaicOrder)
+    assert made.offsets_arcsec == [(0.0, 0.0), (600.0, -300.5)]
 
 
 def test_to_say_that_the_cables_are_right_needs_more() -> None:

@@ -18,6 +18,7 @@ from api.orders.results import AxesMovedView, RatesView
 from api.orders.vocabulary import MoveAxisOrder, OffsetRatesOrder, ParkOrder, TrackingOrder, UnparkOrder
 from api.problems import Problem, Refused
 from api.service import Service
+from mountnav.clock import utc_now
 from mountnav.devices import MountAxis, OffsetRates, RateSpan
 from mountnav.errors import BadRequest
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
@@ -356,20 +357,39 @@ async def test_released_twice_and_pressed_again(service: Service) -> None:
     await at_rest(service)
 
 
-async def test_rates_are_put_off_while_their_program_lives(service: Service) -> None:
-    kept = KeptRates(service.dispatcher, "east", within_s=1.5)
-    lives = True
-    await kept.set(ANNA, OffsetRates(0.0, 1.0), lambda: lives)
+async def test_rates_are_put_off_while_their_program_is_heard(service: Service) -> None:
+    kept = KeptRates(service.dispatcher, "east", within_s=3.0)
+    loop = asyncio.get_running_loop()
+    last_s: float | None = None
+
+    def silent_s() -> float:
+        return 0.0 if last_s is None else loop.time() - last_s
+
+    await kept.set(ANNA, OffsetRates(0.0, 1.0), silent_s)
     mount = service.observatory.telescope("east").navigator.mount
     first = mount.offset_rates_in_force
     assert first is not None
-    await asyncio.sleep(2.5)
+    await asyncio.sleep(3.5)
     later = mount.offset_rates_in_force
     assert later is not None
     assert later.ends_utc > first.ends_utc
-    lives = False
+    # it says nothing more: its last word, and not the last look, is what the end is counted from
+    last_s, said_utc = loop.time(), utc_now()
     async with asyncio.timeout(60):
-        while mount.offset_rates_in_force is not None:
+        while (force := mount.offset_rates_in_force) is not None:
+            assert (force.ends_utc - said_utc).total_seconds() < 4.0  # 4.5, were it the look
             await asyncio.sleep(0.05)
-    assert kept.caller is None
+    await kept.close()
+
+
+async def test_rates_of_a_program_that_has_gone_are_put_off_no_more(service: Service) -> None:
+    kept = KeptRates(service.dispatcher, "east", within_s=1.0)
+    await kept.set(ANNA, OffsetRates(0.0, 1.0), lambda: None)
+    mount = service.observatory.telescope("east").navigator.mount
+    first = mount.offset_rates_in_force
+    assert first is not None
+    async with asyncio.timeout(60):
+        while (force := mount.offset_rates_in_force) is not None:
+            assert force.ends_utc == first.ends_utc
+            await asyncio.sleep(0.05)
     await kept.close()
