@@ -420,9 +420,15 @@ class JournalReader:
         found.sort(key=lambda line: line.mark)
         return found, (last[0], last[1], last[2])
 
-    def runs(self, limit: int = 100) -> list[Run]:
-        """Starts of the service, newest first."""
+    def runs(
+        self, limit: int | None = 100, *, since: datetime | None = None, until: datetime | None = None
+    ) -> list[Run]:
+        """Starts of the service, newest first; from `since` on, and before `until`. Raises as `lines`."""
         query = select(run).order_by(desc(run.c.started_utc)).limit(limit)
+        if since is not None:
+            query = query.where(run.c.started_utc >= since)
+        if until is not None:
+            query = query.where(run.c.started_utc < until)
         with self._reading() as connection:
             return [Run(**row) for row in _found(connection, query)]
 
@@ -433,14 +439,21 @@ class JournalReader:
         return job_of(rows[0]) if rows else None
 
     def jobs(
-        self, limit: int, *, telescopes: frozenset[str] | None = None, since: datetime | None = None
+        self,
+        limit: int | None,
+        *,
+        telescopes: frozenset[str] | None = None,
+        since: datetime | None = None,
+        until: datetime | None = None,
     ) -> list[JobRow]:
-        """The last jobs, newest first."""
+        """The last jobs, newest first; made from `since` on, and before `until`."""
         query = select(job).order_by(desc(job.c.created_utc)).limit(limit)
         if telescopes is not None:
             query = query.where(job.c.telescope.in_(sorted(telescopes)))
         if since is not None:
             query = query.where(job.c.created_utc >= since)
+        if until is not None:
+            query = query.where(job.c.created_utc < until)
         with self._reading() as connection:
             return [job_of(row) for row in _found(connection, query)]
 

@@ -243,7 +243,7 @@ class Thinning:
     run_id: str = ""
     looks_keep_days: float | None = None
     audit_keep_days: float | None = None
-    clock_s: Callable[[], float] = time.monotonic
+    clock_s: Callable[[], float] = seconds
     _next_s: float = 0.0
     _audits: int = 0
     _began: tuple[datetime, float] | None = None
