@@ -244,7 +244,8 @@ def report_of(reader: JournalReader, telescope: str, since: datetime, until: dat
     centerings = tuple(_centerings(entries, ended))
     slews = [(record, end) for record, end in commands if record.order in _MOVING and end is not None]
     slewing_s = sum((end.utc - record.utc).total_seconds() for record, end in slews)
-    away_s = _away_s(entries, until)
+    # a link that is lost makes the centering fail as well: time is lost once
+    lost = [*_away(entries, until), *_in_vain(centerings)]
     times = sorted([*(one.utc for one in looks), *(record.utc for record, _ in commands)])
     solved = [one for one in looks if one.solved]
     runs = reader.runs(None, since=since, until=until)
@@ -263,7 +264,7 @@ def report_of(reader: JournalReader, telescope: str, since: datetime, until: dat
         slewed=sum(end.outcome is Outcome.DONE for _, end in slews),
         slewing_s=slewing_s,
         centering_s=sum(one.elapsed_s or 0.0 for one in centerings),
-        lost_s=away_s + sum(one.elapsed_s or 0.0 for one in centerings if not one.succeeded),
+        lost_s=_covered_s(lost),
         syncs=dict(Counter(str(one.facts.get("outcome")) for one in entries if one.kind is EntryKind.SYNC)),
         open_commands=sum(end is None for _, end in commands),
         runs=len(runs),
@@ -277,7 +278,9 @@ def _centerings(entries: Sequence[Entry], jobs: Iterable[JobRow]) -> Iterable[Ce
     """Those that told their end, and those that never came to it: no device, or the service died."""
     told = [one for one in entries if one.kind is EntryKind.CENTERING]
     known = {one.cause.job_id for one in told}
-    untold = [_never_told(one) for one in jobs if one.kind == _CENTER and one.job_id not in known and _over(one)]
+    untold = [
+        _never_told(one) for one in jobs if one.kind == _CENTER and one.job_id not in known and _over(one)
+    ]
     return sorted([*(_centered(one) for one in told), *untold], key=lambda one: one.utc)
 
 
@@ -372,19 +375,35 @@ def _troubles(entries: Iterable[Entry]) -> tuple[Trouble, ...]:
     return tuple(found.values())
 
 
-def _away_s(entries: Iterable[Entry], until: datetime) -> float:
-    """For how long the mount's link was lost."""
+def _away(entries: Iterable[Entry], until: datetime) -> Iterable[tuple[datetime, datetime]]:
+    """When the mount's link was lost."""
     lost: datetime | None = None
-    total_s = 0.0
     for entry in entries:
         if entry.kind is not EntryKind.LINK:
             continue
         if entry.what == _LOST:
             lost = lost or entry.utc
         elif lost is not None and entry.what in _BACK:
-            total_s += (entry.utc - lost).total_seconds()
+            yield lost, entry.utc
             lost = None
-    return total_s + (0.0 if lost is None else max(0.0, (until - lost).total_seconds()))
+    if lost is not None:
+        yield lost, until
+
+
+def _in_vain(centerings: Iterable[Centered]) -> Iterable[tuple[datetime, datetime]]:
+    """When targets were tried that were not centered."""
+    for one in centerings:
+        if not one.succeeded and one.elapsed_s:
+            yield one.utc - timedelta(seconds=one.elapsed_s), one.utc
+
+
+def _covered_s(spans: Iterable[tuple[datetime, datetime]]) -> float:
+    """How long all of them last together; what several cover counts once."""
+    total_s, reached = 0.0, datetime.min.replace(tzinfo=UTC)
+    for since, until in sorted(spans):
+        total_s += max(0.0, (until - max(since, reached)).total_seconds())
+        reached = max(reached, until)
+    return total_s
 
 
 def _pauses(times: Sequence[datetime]) -> Iterable[tuple[datetime, datetime]]:
