@@ -18,6 +18,7 @@ import sys
 import threading
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from api.http.app import create_app
 from drivers.fakes.faults import Fault
 from mountnav.errors import MountnavError
 from mountnav.settings.observatory import Settings
+from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.coordinates import Icrs
@@ -76,6 +78,12 @@ class TrueMechanics(Mechanics):
 
     def tube_angle_deg(self, utc: datetime | None = None) -> float:
         return super().tube_angle_deg(service_of(utc))
+
+
+def powered(*given: Any, machine: Machine | None = None, **more: Any) -> TrueMechanics:
+    """Mechanics with absolute encoders: one that wakes at its home in another posture needs a person's hands."""
+    built = replace(machine or Machine(), boots_believing="kept")
+    return TrueMechanics(*given, machine=built, clock=sky_now, **more)
 
 
 def noted(mechanics: TrueMechanics, name: str) -> None:
@@ -154,7 +162,7 @@ def main() -> int:
     make_mechanics = fake_mounts.mechanics_of
     virtual.FastClock = clock  # type: ignore[assignment,misc]
     serving.create_app = app
-    fake_mounts.Mechanics = lambda *given, **more: TrueMechanics(*given, clock=sky_now, **more)  # type: ignore[assignment,misc]
+    fake_mounts.Mechanics = powered  # type: ignore[assignment,misc]
     fake_mounts.utc_now = sky_now
     sys.modules["api.observatory.observatory"].mechanics_of = mechanics  # type: ignore[attr-defined]
     threading.Thread(target=listen, name="orders of the year", daemon=True).start()
