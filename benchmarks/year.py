@@ -388,7 +388,7 @@ class Year:
     def run(self, nights: int) -> None:
         """Live through so many in all."""
         done = len(self.nights)
-        at = datetime.fromisoformat(self.nights[-1].ends) if self.nights else BEGIN
+        at = self._resumed() if self.nights else BEGIN
         self.service.lives = self.nights[-1].life if self.nights else 0
         if not self.nights:
             _old_journal(self.service.journal, "0001")
@@ -406,6 +406,14 @@ class Year:
         finally:
             if self.service.process is not None:
                 self.service.end(signal.SIGTERM)
+
+    def _resumed(self) -> datetime:
+        """Where the last whole night ended; a night that was cut off is passed over, its rows stay."""
+        at = datetime.fromisoformat(self.nights[-1].ends)
+        last = check(database_url(self.service.journal)).last_utc
+        while last is not None and last > at + timedelta(hours=1):
+            at += timedelta(days=1)
+        return at
 
     def _first_key(self) -> None:
         name = f"scheduler-{int(time.time() * 1000)}"
