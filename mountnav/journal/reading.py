@@ -346,6 +346,18 @@ class JournalReader:
         with self._reading() as connection:
             return [(command_of(row), end_of(row)) for row in _found(connection, query)]
 
+    def last_entry(self, kind: EntryKind, telescope: str) -> Entry | None:
+        """The entry of a kind that was written last, whatever the clock said then. Raises as `lines`."""
+        query = (
+            select(entry)
+            .where(entry.c.telescope == telescope, entry.c.kind == str(kind))
+            .order_by(desc(entry.c.row_id))
+            .limit(1)
+        )
+        with self._reading() as connection:
+            rows = _found(connection, query)
+        return entry_of(rows[0]) if rows else None
+
     def lines(
         self, wanted: Wanted = ALL, *, after: Mark | None = None, limit: int = 100, newest_first: bool = False
     ) -> list[Line]:
