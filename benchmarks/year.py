@@ -59,8 +59,12 @@ TELESCOPES = ("east", "west")
 LOOKS_KEPT_DAYS, KEPT_DAYS, AUDIT_KEPT_DAYS = 8.0, 14.0, 20.0
 """Short, so that what is removed is removed within the nights that are run."""
 BACKUPS_KEPT = 3
+_ORDERS = ("slew", "sync", "park", "home")
+"""Orders that are written before they are sent, and noted by the mount before they are carried out."""
+_ON_ITS_WAY = timedelta(minutes=10)
+"""So long an order may take from its row to the mount: 10 s of a loaded machine."""
 _TRIES = 25
-"""So often a target is tried, a second apart, before the night counts as lost: longer than any event lasts."""
+"""So often a target is tried, a second apart, before the night counts as lost: longer than events last."""
 TRUE_ARCSEC = 8.0
 """A stated error agrees with the truth to so much: the periodic error and backlash within an exposure."""
 OLD = Path(__file__).parents[1] / "tests" / "journal" / "version_1.sql"
@@ -141,7 +145,7 @@ untrusted_tracking_s = 40000
 [telescope.night]
 enabled = true
 """
-"""A loaded machine takes seconds for a solve, minutes of the sky: what is bounded in sky time is made wide."""
+"""A loaded machine takes seconds for a solve, minutes of the sky: bounds in sky time are made wide."""
 
 
 @dataclass
@@ -209,10 +213,12 @@ class Service:
 
     @property
     def journal(self) -> Path:
+        """Its file."""
         return self.folder / "journal.sqlite"
 
     @property
     def keys(self) -> KeyStore:
+        """Its keys, as `mountnav key` changes them."""
         return KeyStore(self.folder / "keys.json")
 
     def start(self, at: datetime) -> None:
@@ -246,6 +252,7 @@ class Service:
 
     @property
     def truth_file(self) -> str:
+        """Where the orders that reach its mounts are noted."""
         return str(self.folder / "truth.jsonl")
 
     def settings(self, at: datetime) -> str:
@@ -743,7 +750,25 @@ class Year:
         for name in TELESCOPES:
             report = report_of(reader, name, since, until)
             night.faults += [f"report of {name}: {wrong}" for wrong in compared(report, night, name)]
+            night.faults += list(self._unwritten(reader, name, since, until))
         self._audit(night)
+
+    def _unwritten(self, reader: JournalReader, name: str, since: datetime, until: datetime) -> Iterator[str]:
+        """Orders that reached a mount without a row of their own, written before they came."""
+        rows = [
+            (command.order, command.utc)
+            for command, _ in reader.commands(Wanted(telescope=name, since=since, until=until))
+        ]
+        for line in Path(self.service.truth_file).read_text(encoding="utf-8").splitlines():
+            read = json.loads(line)
+            came = datetime.fromisoformat(read["utc"])
+            if read["telescope"] != name or read["order"] not in _ORDERS or not since <= came < until:
+                continue
+            own = [row for row in rows if row[0] == read["order"] and came - _ON_ITS_WAY < row[1] <= came]
+            if own:
+                rows.remove(max(own, key=lambda row: row[1]))
+            else:
+                yield f"a {read['order']} reached {name} at {came:%H:%M:%S} that is not written"
 
     def _audit(self, night: Night) -> None:
         journal = self.service.journal
@@ -783,7 +808,7 @@ def compared(report: MorningReport, night: Night, name: str) -> Iterator[str]:
             continue
         truly = job.looks[-1][1]
         if abs(truly - one.error_after_arcsec) > TRUE_ARCSEC and not event.startswith("clock"):
-            yield f"the target of {job.ended} was {truly:.1f}″ off, and is told as {one.error_after_arcsec:.1f}″"
+            yield f"the target of {job.ended} was {truly:.1f}″ off, told as {one.error_after_arcsec:.1f}″"
         first = job.looks[0][1]
         before = one.error_before_arcsec
         if before is not None and abs(first - before) > TRUE_ARCSEC and not event.startswith("clock"):

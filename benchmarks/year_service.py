@@ -1,4 +1,4 @@
-"""The service of `benchmarks.year`: the real one, with a line to its parent for what happens to an observatory.
+"""The service of `benchmarks.year`: the real one, with a line to its parent for what happens to it.
 
 Run by the parent: python -m benchmarks.year_service SETTINGS STEP_S TRUTH_FILE
 
@@ -41,6 +41,7 @@ class SteppedClock(FastClock):
     step_s = 0.0
 
     def __call__(self) -> datetime:
+        """Aware UTC, as the service takes it."""
         return super().__call__() + timedelta(seconds=self.step_s)
 
     def sky(self) -> datetime:
@@ -74,14 +75,16 @@ class TrueMechanics(Mechanics):
     name = ""
 
     def truth(self, utc: datetime | None = None) -> Icrs:
+        """At an instant of the service's clock."""
         return super().truth(service_of(utc))
 
     def tube_angle_deg(self, utc: datetime | None = None) -> float:
+        """At an instant of the service's clock."""
         return super().tube_angle_deg(service_of(utc))
 
 
 def powered(*given: Any, machine: Machine | None = None, **more: Any) -> TrueMechanics:
-    """Mechanics with absolute encoders: one that wakes at its home in another posture needs a person's hands."""
+    """Mechanics with absolute encoders: what wakes at home in another posture needs a person's hands."""
     built = replace(machine or Machine(), boots_believing="kept")
     return TrueMechanics(*given, machine=built, clock=sky_now, **more)
 
