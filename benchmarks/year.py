@@ -65,8 +65,8 @@ _ON_ITS_WAY = timedelta(minutes=10)
 """So long an order may take from its row to the mount: 10 s of a loaded machine."""
 _TRIES = 25
 """So often a target is tried, a second apart, before the night counts as lost: longer than events last."""
-TRUE_ARCSEC = 8.0
-"""A stated error agrees with the truth to so much: the periodic error and backlash within an exposure."""
+TRUE_ARCSEC = 15.0
+"""A stated error agrees with the truth to so much: what a mount moves within an exposure after a slew."""
 OLD = Path(__file__).parents[1] / "tests" / "journal" / "version_1.sql"
 """A journal as the first version wrote it."""
 PROTOCOLS = {"east": "fake+lx200://?dialect=onstep", "west": "fake+ioptron://"}
@@ -796,7 +796,12 @@ def compared(report: MorningReport, night: Night, name: str) -> Iterator[str]:
     jobs = [one for one in night.jobs if one.telescope == name and one.kind == "center" and one.id]
     ended = [one for one in jobs if one.state != "cut off"]
     cut = [one for one in jobs if one.state == "cut off"]
-    if len(report.centerings) != len(jobs):
+    # one that was refused for want of room is written down later, if it is
+    unwritten = sum(
+        one.telescope == name and one.kind == "center" and "journal-failed" in one.problem and not one.id
+        for one in night.jobs
+    )
+    if not len(jobs) <= len(report.centerings) <= len(jobs) + unwritten:
         yield f"{len(report.centerings)} targets, and {len(jobs)} were begun ({len(cut)} cut off)"
     right = [one for one in ended if one.state == "succeeded"]
     if report.centered != len(right):
