@@ -324,7 +324,7 @@ class BriefOrders(Orders):
                 # else by many short whiles it would be tracked from there to anywhere
                 lost = DeviceRefused(
                     f"the {order} refused: {self._watch.lost_words}",
-                    device=mount.name,
+                    device=self._mount.name,
                     advice="looks need a mount that tracks: send it home or park it, or put the tube by hand "
                     "where it takes itself to be, then order trust; limits.untrusted_tracking_s allows more",
                     reason=Refusal.UNTRUSTED,
