@@ -325,8 +325,9 @@ class BriefOrders(Orders):
                 lost = DeviceRefused(
                     f"the {order} refused: {self._watch.lost_words}",
                     device=self._mount.name,
-                    advice="looks need a mount that tracks: send it home or park it, or put the tube by hand "
-                    "where it takes itself to be, then order trust; limits.untrusted_tracking_s allows more",
+                    advice="looks need a mount that tracks: order home, if it finds it by a sensor, or put the "
+                    "tube by hand where it takes itself to be, then order trust; "
+                    "limits.untrusted_tracking_s allows more",
                     reason=Refusal.UNTRUSTED,
                 )
                 await self._sender.refused(order, lost, before)
