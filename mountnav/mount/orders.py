@@ -325,7 +325,7 @@ class BriefOrders(Orders):
                 lost = DeviceRefused(
                     f"the {order} refused: {self._watch.lost_words}",
                     device=self._mount.name,
-                    advice="looks need a mount that tracks: order home, if it finds it by a sensor, or put the "
+                    advice="looks need a mount that tracks: order home, if a sensor finds it, or put the "
                     "tube by hand where it takes itself to be, then order trust; "
                     "limits.untrusted_tracking_s allows more",
                     reason=Refusal.UNTRUSTED,

@@ -356,7 +356,7 @@ def test_trying_again_and_again_does_not_make_a_lost_mount_track_on() -> None:
                 break
             await rig.clock.sleep(120.0)
             await rig.mount.set_tracking(False)
-        with pytest.raises(DeviceRefused, match="has tracked for .* can't be trusted") as refused:
+        with pytest.raises(DeviceRefused, match=r"has tracked for .* can't be trusted") as refused:
             await rig.mount.set_tracking(True)
         assert "then order trust" in str(refused.value)
         # an axis must not have turned farther than 600 s of tracking, and a look
