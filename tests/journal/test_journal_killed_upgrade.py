@@ -92,6 +92,7 @@ def version_of(path: Path) -> str:
 def require_whole(path: Path, version: str) -> None:
     """Open it as a service does, write on, and have all of it and its audit proven."""
     key = open_audit_key(path.with_name("audit.key"))
+    assert key is not None
     journal = open_journal(path, audit_key=key)
     journal.audit_now(AuditRow(at(0), "east", "me", "operate", "rest", "", "slew", {}, "taken"))
     journal.close()
