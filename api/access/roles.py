@@ -53,6 +53,7 @@ _OPERATE = (
     "POST /v1/jobs/{job_id}/cancel",
     "POST /v1/jobs/{job_id}/next",
     "POST /v1/stop",
+    "POST /v1/virtual/skip",
     f"DELETE {_TELESCOPE}/lease",
     f"POST {_TELESCOPE}/center",
     f"POST {_TELESCOPE}/dither",

@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 
 from mountnav.errors import BadSettings
-from mountnav.journal.reading import JournalReader
+from mountnav.journal.database import database_url
+from mountnav.journal.runs import settings_of_runs
 from mountnav.settings.demo import DemoSettings
 from mountnav.settings.faces import IndiServerSettings, Lx200ServerSettings, StellariumSettings
 from mountnav.settings.journal import JournalSettings
@@ -117,10 +118,11 @@ def demo_journal(settings: Settings) -> Iterator[Settings]:
 def _require_virtual(url: str) -> None:
     if "://" not in url and not Path(url).exists():
         return
-    for run in JournalReader(url).runs():
-        if json.loads(run.settings or "{}").get("demo") is None:
+    # also one of an older version, which the service brings up to date at its start
+    for started_utc, text in settings_of_runs(database_url(url)):
+        if json.loads(text or "{}").get("demo") is None:
             raise BadSettings(
-                f"the journal is of a real observatory ({run.started_utc:%Y-%m-%d %H:%M} UTC)",
+                f"the journal is of a real observatory ({started_utc:%Y-%m-%d %H:%M} UTC)",
                 device=url,
                 advice="give the virtual one a [journal] url of its own, or none: then it is not kept",
             )

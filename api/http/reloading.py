@@ -160,6 +160,9 @@ def _require_idle(service: Service, told: Reloaded) -> None:
             why = f"{lease.holder} holds its lease"
         elif service.nights.is_running(name):
             why = "its night is under way"
+        elif service.dispatcher.watch(name).latest.slewing:
+            # by its hand control, or another program: to let it go would stop it
+            why = "it slews"
         if why is not None:
             raise Busy(
                 f"{name} can't be changed or taken out: {why}; nothing was changed",

@@ -216,11 +216,11 @@ class Restart:
 
 def last_seen(reader: JournalReader, telescope_id: str) -> LastSeen | None:
     """How a telescope's mount was seen last, by its rows of standing and its last order that was done."""
-    rows = Wanted(telescope=telescope_id, kinds=frozenset({str(EntryKind.STANDING)}))
     done = Wanted(telescope=telescope_id, kinds=frozenset({COMMAND}), outcome=str(Outcome.DONE))
-    written = reader.entries(rows, limit=1, newest_first=True)
+    # by the order of writing: a clock that was ahead for a while must not bring an older word back
+    written = reader.last_entry(EntryKind.STANDING, telescope_id)
     orders = reader.commands(done, limit=1, newest_first=True)
-    last = LastSeen.of_facts(written[0].facts) if written else None
+    last = None if written is None else LastSeen.of_facts(written.facts)
     after = orders[0][1].after if orders and orders[0][1] is not None else None
     if after is None or (last is not None and last.utc >= after.utc):
         return last

@@ -19,7 +19,7 @@ from drivers.generic.link_supervisor import LinkSupervisor
 from drivers.generic.options import Timing
 from drivers.generic.reading_filter import HAND_DEG, HAND_DEG_S, Believed, ReadingFilter
 from drivers.generic.refusal_words import rates_text, untrusted
-from mountnav.clock import real_s, utc_now
+from mountnav.clock import real_s, sky_s, utc_now
 from mountnav.devices import (
     STARS_RATES,
     ConnectReport,
@@ -44,10 +44,12 @@ from mountnav.sky.coordinates import Apparent, Icrs, Site
 Listener = Callable[[str, Mapping[str, object]], None]
 """Takes the name of an event and its facts."""
 
-_SAME_CLOCK_S = 5.0
+_SAME_CLOCK_S = 3.0
 """s. A mount's clock that changed by more against ours during a silence shows that the mount was switched
-off. Chosen: clocks carry whole seconds and answers may be late by one or two. Doubled, a mount whose
-clock starts 8 s behind after a reset passes for one that was only silent."""
+off. Chosen: clocks carry whole seconds. Doubled, a mount whose clock starts 8 s behind after a reset passes
+for one that was only silent."""
+_LATE_CLOCK_S = 2.0
+"""s of the machine. So late an answer may come, on top; under a faster sky that is more of its seconds."""
 _NO_RATE_ARCSEC_S = 1e-6
 """″/s. A rate that is read back and is below this is none: what converting units leaves of 0. Doubled or
 halved, nothing shows: it is 4 milliarcseconds in an hour."""
@@ -442,7 +444,7 @@ class Session:
             return
         if clock is not None and before is not None:
             jump_s = (clock - utc_now()).total_seconds() - before
-            if abs(jump_s) > _SAME_CLOCK_S:
+            if abs(jump_s) > _SAME_CLOCK_S + sky_s(_LATE_CLOCK_S):
                 self.distrust(f"its clock has jumped by {jump_s:.0f} s: it was switched off and on")
 
     # -- trust -------------------------------------------------------------------------------------

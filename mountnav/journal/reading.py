@@ -346,6 +346,18 @@ class JournalReader:
         with self._reading() as connection:
             return [(command_of(row), end_of(row)) for row in _found(connection, query)]
 
+    def last_entry(self, kind: EntryKind, telescope: str) -> Entry | None:
+        """The entry of a kind that was written last, whatever the clock said then. Raises as `lines`."""
+        query = (
+            select(entry)
+            .where(entry.c.telescope == telescope, entry.c.kind == str(kind))
+            .order_by(desc(entry.c.row_id))
+            .limit(1)
+        )
+        with self._reading() as connection:
+            rows = _found(connection, query)
+        return entry_of(rows[0]) if rows else None
+
     def lines(
         self, wanted: Wanted = ALL, *, after: Mark | None = None, limit: int = 100, newest_first: bool = False
     ) -> list[Line]:
@@ -420,9 +432,15 @@ class JournalReader:
         found.sort(key=lambda line: line.mark)
         return found, (last[0], last[1], last[2])
 
-    def runs(self, limit: int = 100) -> list[Run]:
-        """Starts of the service, newest first."""
+    def runs(
+        self, limit: int | None = 100, *, since: datetime | None = None, until: datetime | None = None
+    ) -> list[Run]:
+        """Starts of the service, newest first; from `since` on, and before `until`. Raises as `lines`."""
         query = select(run).order_by(desc(run.c.started_utc)).limit(limit)
+        if since is not None:
+            query = query.where(run.c.started_utc >= since)
+        if until is not None:
+            query = query.where(run.c.started_utc < until)
         with self._reading() as connection:
             return [Run(**row) for row in _found(connection, query)]
 
@@ -433,14 +451,21 @@ class JournalReader:
         return job_of(rows[0]) if rows else None
 
     def jobs(
-        self, limit: int, *, telescopes: frozenset[str] | None = None, since: datetime | None = None
+        self,
+        limit: int | None,
+        *,
+        telescopes: frozenset[str] | None = None,
+        since: datetime | None = None,
+        until: datetime | None = None,
     ) -> list[JobRow]:
-        """The last jobs, newest first."""
+        """The last jobs, newest first; made from `since` on, and before `until`."""
         query = select(job).order_by(desc(job.c.created_utc)).limit(limit)
         if telescopes is not None:
             query = query.where(job.c.telescope.in_(sorted(telescopes)))
         if since is not None:
             query = query.where(job.c.created_utc >= since)
+        if until is not None:
+            query = query.where(job.c.created_utc < until)
         with self._reading() as connection:
             return [job_of(row) for row in _found(connection, query)]
 

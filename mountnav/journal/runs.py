@@ -7,12 +7,13 @@ import hashlib
 import json
 from datetime import datetime
 
-from sqlalchemy import Connection, desc, insert, select, update
+from sqlalchemy import URL, Connection, desc, insert, select, update
 
-from mountnav.journal.database import without_password
+from mountnav.journal.database import FAULTS, connectable, without_password
 from mountnav.journal.records import Cause, Entry, EntryKind
 from mountnav.journal.rows import entry_row
 from mountnav.journal.tables import entry, run
+from mountnav.journal.upgrading import is_begun, unusable
 from mountnav.journal.writer import Statements
 
 # Lines of changed settings that an entry lists; the rest is noted as "more". Chosen by hand to keep entries
@@ -62,6 +63,29 @@ def begin_run(run_id: str, host: str, pid: int, version: str, settings: str, utc
             _note(connection, run_id, Entry(utc, "", EntryKind.SETTINGS, said, told, Cause()))
 
     return write
+
+
+def settings_of_runs(url: URL) -> list[tuple[datetime, str]]:
+    """When the service was started, and its settings then, of all starts; of a journal of any version.
+
+    Raises
+    ------
+    BadSettings
+        It was written by a newer mountnav, or the database is another program's.
+    JournalFailed
+        It can't be read.
+    """
+    engine = connectable(url, "read")
+    try:
+        with engine.connect() as connection, connection.begin():
+            if not is_begun(connection, url):
+                return []
+            query = select(run.c.started_utc, run.c.settings).order_by(run.c.started_utc)
+            return [(row.started_utc, row.settings) for row in connection.execute(query)]
+    except FAULTS as error:
+        raise unusable(error, url) from error
+    finally:
+        engine.dispose()
 
 
 def end_run(run_id: str, utc: datetime) -> Statements:

@@ -3,9 +3,10 @@
 Thinning removes a few rows at a time. Kept forever: commands with their outcomes, runs, and entries of
 models, settings, segments, syncs, refusals, faults and the service. Removed when they are older than asked
 or the file grows too big: looks, jobs that are over, and entries of decisions, links, nights, jobs,
-centerings, what was learned, and notes. Audits are removed when they are older than asked; a file that grows
-too big loses only those of guide pulses, so that nobody can push their own audits out of it. Their chain
-tells of the gap, and a row of its own what was removed (`mountnav.journal.audit_chain`).
+centerings, what was learned, notes, and of where a mount stood, but for the last of each telescope. Audits
+are removed when they are older than asked; a file that grows too big loses only those of guide pulses, so
+that nobody can push their own audits out of it. Their chain tells of the gap, and a row of its own what was
+removed (`mountnav.journal.audit_chain`).
 """
 
 from __future__ import annotations
@@ -243,7 +244,7 @@ class Thinning:
     run_id: str = ""
     looks_keep_days: float | None = None
     audit_keep_days: float | None = None
-    clock_s: Callable[[], float] = time.monotonic
+    clock_s: Callable[[], float] = seconds
     _next_s: float = 0.0
     _audits: int = 0
     _began: tuple[datetime, float] | None = None
@@ -325,7 +326,11 @@ class Thinning:
 
 def _passing(connection: Connection) -> ColumnElement[bool]:
     newest = connection.execute(select(func.max(entry.c.row_id))).scalar() or 0
-    return entry.c.kind.in_([str(kind) for kind in PASSING]) & (entry.c.row_id < newest - _NEWEST_KEPT)
+    stands = entry.c.kind == str(EntryKind.STANDING)
+    latest = select(func.max(entry.c.row_id)).where(stands).group_by(entry.c.telescope)
+    lasting = [row[0] for row in connection.execute(latest)]
+    passing = entry.c.kind.in_([str(kind) for kind in PASSING])
+    return (passing | (stands & entry.c.row_id.not_in(lasting))) & (entry.c.row_id < newest - _NEWEST_KEPT)
 
 
 def _remove(

@@ -24,7 +24,7 @@ from mountnav.devices import (
     rates_of,
     skills_of,
 )
-from mountnav.errors import BadRequest, Cancelled, DeviceRefused, OutsideLimits
+from mountnav.errors import BadRequest, Cancelled, DeviceRefused, OutsideLimits, Refusal
 from mountnav.journal.records import EntryKind, Order, Outcome
 from mountnav.mount.limits_guard import Plan
 from mountnav.mount.order_rooms import OrderRooms, Orders
@@ -319,7 +319,19 @@ class BriefOrders(Orders):
         await self._admission.require_free(order)
         before: MountReading | None = None
         if follows:
-            before = await self._admission.ready(order, needs_trust=moves or self._watch.lost_for_long)
+            before = await self._admission.ready(order, needs_trust=moves)
+            if self._watch.lost_for_long:
+                # else by many short whiles it would be tracked from there to anywhere
+                lost = DeviceRefused(
+                    f"the {order} refused: {self._watch.lost_words}",
+                    device=self._mount.name,
+                    advice="looks need a mount that tracks: order home, if a sensor finds it, or put the "
+                    "tube by hand where it takes itself to be, then order trust; "
+                    "limits.untrusted_tracking_s allows more",
+                    reason=Refusal.UNTRUSTED,
+                )
+                await self._sender.refused(order, lost, before)
+                raise lost
             try:
                 self._guard.check_tracking(before, self._clock.utc(), LEAD_S)
             except OutsideLimits as refusal:

@@ -572,9 +572,13 @@ class TrackingWatch:
             self._untrusted_s += min(max(seconds, 0.0), 2.0 * SLOWEST_S)
         if not self.lost_for_long:
             return False
-        what = f"it has tracked for {self._untrusted_s:.0f} s from a position that can't be trusted"
-        await self._halting.halt(reading, LimitKind.UNREACHABLE, what, motion=False)
+        await self._halting.halt(reading, LimitKind.UNREACHABLE, self.lost_words, motion=False)
         return True
+
+    @property
+    def lost_words(self) -> str:
+        """For how long it has tracked from a position that can't be trusted, in words."""
+        return f"it has tracked for {self._untrusted_s:.0f} s from a position that can't be trusted"
 
     @property
     def lost_for_long(self) -> bool:

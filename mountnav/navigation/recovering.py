@@ -20,6 +20,7 @@ from mountnav.errors import (
     MountnavError,
     OffsetTooLarge,
     OutsideLimits,
+    Refusal,
     SkyError,
     SyncDoubt,
     SyncElsewhere,
@@ -234,7 +235,8 @@ async def tracked(equipment: Equipment) -> AsyncIterator[None]:
 async def _let_track(equipment: Equipment) -> bool:
     """Let a mount follow the sky unless it says that it does; whether it was ordered to.
 
-    Two frames of a sky that runs through can't agree.
+    Two frames of a sky that runs through can't agree: where it may not track any more since nobody knows its
+    place, that refusal is raised.
     """
     mount = equipment.mount
     if Skill.TRACK not in mount.skills or (await mount.reading()).tracking is True:
@@ -242,6 +244,8 @@ async def _let_track(equipment: Equipment) -> bool:
     try:
         await mount.set_tracking(True)
     except DeviceRefused as error:
+        if error.reason is Refusal.UNTRUSTED:
+            raise
         equipment.listen("not-tracking", {"why": error.what})
         return False
     return True

@@ -64,6 +64,19 @@ def dark_from(utc: datetime, site: Site) -> datetime:
     return day[heights.index(min(heights))] if dark is None else dark
 
 
+def next_dark_from(utc: datetime, site: Site) -> datetime:
+    """When it gets dark next: after the present night, if it is dark at `utc`.
+
+    Where it never does, in the summer of high latitudes: when the Sun next stands lowest.
+    """
+    first = dark_from(utc, site)
+    if first > utc:
+        return first
+    solar_h = (utc.hour + utc.minute / 60.0 + site.longitude_deg / 15.0) % 24.0
+    # the present night is over by noon
+    return dark_from(utc + timedelta(hours=(12.0 - solar_h) % 24.0), site)
+
+
 @dataclass(frozen=True, slots=True)
 class SunPass:
     """An instant at which the Sun's center comes to an altitude.

@@ -16,8 +16,9 @@ from statistics import median
 from typing import Any
 
 from mountnav.errors import BadRequest
+from mountnav.journal.job_rows import JobRow
 from mountnav.journal.reading import JournalReader, Wanted
-from mountnav.journal.records import CommandEnd, CommandRecord, Entry, EntryKind, LookRecord, Outcome
+from mountnav.journal.records import Cause, CommandEnd, CommandRecord, Entry, EntryKind, LookRecord, Outcome
 from mountnav.sky.coordinates import Site
 
 __all__ = ["Centered", "MorningReport", "Trouble", "night_of", "report_of"]
@@ -33,10 +34,12 @@ _MANY = 0.3
 no advice."""
 _FEWEST = 5
 """Fewer looks or centerings than this say nothing of a share."""
-_TROUBLES = frozenset({EntryKind.FAULT, EntryKind.LINK, EntryKind.REFUSAL})
+_TROUBLES = frozenset({EntryKind.FAULT, EntryKind.LINK, EntryKind.REFUSAL, EntryKind.JOB})
 _LOST, _BACK = "link-lost", ("link-back", "connected")
 """What the journal's rows of a link say."""
 _MOVING = ("slew", "park", "home")
+_CENTER = "center"
+"""The kind of a job that centers one target."""
 
 
 def night_of(date: str, site: Site) -> tuple[datetime, datetime]:
@@ -101,7 +104,7 @@ class Trouble:
     Attributes
     ----------
     kind : str
-        Of the journal's rows: ``fault``, ``link``, ``refusal``.
+        Of the journal's rows: ``fault``, ``link``, ``refusal``; ``job``: an order that failed otherwise.
     what : str
         In words, of the first time.
     times : int
@@ -237,13 +240,15 @@ def report_of(reader: JournalReader, telescope: str, since: datetime, until: dat
     """
     wanted = Wanted(telescope=telescope, since=since, until=until)
     looks, commands, entries = reader.looks(wanted), reader.commands(wanted), reader.entries(wanted)
-    centerings = tuple(_centered(one) for one in entries if one.kind is EntryKind.CENTERING)
+    ended = reader.jobs(None, telescopes=frozenset({telescope}), since=since, until=until)
+    centerings = tuple(_centerings(entries, ended))
     slews = [(record, end) for record, end in commands if record.order in _MOVING and end is not None]
     slewing_s = sum((end.utc - record.utc).total_seconds() for record, end in slews)
-    away_s = _away_s(entries, until)
+    # a link that is lost makes the centering fail as well: time is lost once
+    lost = [*_away(entries, until), *_in_vain(centerings)]
     times = sorted([*(one.utc for one in looks), *(record.utc for record, _ in commands)])
     solved = [one for one in looks if one.solved]
-    runs = [run for run in reader.runs() if since <= run.started_utc < until]
+    runs = reader.runs(None, since=since, until=until)
     report = MorningReport(
         telescope=telescope,
         since_utc=since,
@@ -259,14 +264,67 @@ def report_of(reader: JournalReader, telescope: str, since: datetime, until: dat
         slewed=sum(end.outcome is Outcome.DONE for _, end in slews),
         slewing_s=slewing_s,
         centering_s=sum(one.elapsed_s or 0.0 for one in centerings),
-        lost_s=away_s + sum(one.elapsed_s or 0.0 for one in centerings if not one.succeeded),
+        lost_s=_covered_s(lost),
         syncs=dict(Counter(str(one.facts.get("outcome")) for one in entries if one.kind is EntryKind.SYNC)),
         open_commands=sum(end is None for _, end in commands),
         runs=len(runs),
-        troubles=_troubles(entries),
+        troubles=_troubles([*entries, *_failed(entries, ended)]),
         pauses=tuple(_pauses(times)),
     )
     return _advised(report, commands)
+
+
+def _centerings(entries: Sequence[Entry], jobs: Iterable[JobRow]) -> Iterable[Centered]:
+    """Those that told their end, and those that never came to it: no device, or the service died."""
+    told = [one for one in entries if one.kind is EntryKind.CENTERING]
+    known = {one.cause.job_id for one in told}
+    untold = [
+        _never_told(one) for one in jobs if one.kind == _CENTER and one.job_id not in known and _over(one)
+    ]
+    return sorted([*(_centered(one) for one in told), *untold], key=lambda one: one.utc)
+
+
+def _over(job: JobRow) -> bool:
+    return job.finished_utc is not None
+
+
+def _never_told(job: JobRow) -> Centered:
+    assert job.finished_utc is not None
+    began = job.started_utc or job.created_utc
+    elapsed_s = (job.finished_utc - began).total_seconds()
+    target = job.request.get("target")
+    asked = target if isinstance(target, Mapping) else job.request
+    return Centered(
+        utc=job.finished_utc,
+        ra_deg=_number(asked.get("ra_deg")),
+        dec_deg=_number(asked.get("dec_deg")),
+        outcome=_slug(job),
+        error_before_arcsec=None,
+        error_after_arcsec=None,
+        expected_arcsec=None,
+        tries=len(job.attempts),
+        # the clock may have been set back meanwhile
+        elapsed_s=max(0.0, elapsed_s),
+        flipped=False,
+    )
+
+
+def _slug(job: JobRow) -> str:
+    """What kept it from its end: `device-missing` of urn:mountnav:problem:device-missing."""
+    told = (job.problem or {}).get("type")
+    return told.rpartition(":")[2] if isinstance(told, str) and told else job.state
+
+
+def _failed(entries: Sequence[Entry], jobs: Iterable[JobRow]) -> Iterable[Entry]:
+    """Other orders that failed, of which no row of another kind tells."""
+    known = {one.cause.job_id for one in entries if one.kind in _TROUBLES}
+    for one in jobs:
+        if one.kind == _CENTER or one.state != "failed" or one.job_id in known or one.finished_utc is None:
+            continue
+        detail = (one.problem or {}).get("detail")
+        why = detail if isinstance(detail, str) and detail else _slug(one)
+        what = f"the order {one.kind} failed"
+        yield Entry(one.finished_utc, one.telescope, EntryKind.JOB, what, {"why": why}, Cause(one.job_id))
 
 
 def _centered(entry: Entry) -> Centered:
@@ -297,7 +355,7 @@ def _centered(entry: Entry) -> Centered:
 def _troubles(entries: Iterable[Entry]) -> tuple[Trouble, ...]:
     """What went wrong, alike things together, in the order of the first time."""
     found: dict[tuple[str, str], Trouble] = {}
-    for entry in entries:
+    for entry in sorted(entries, key=lambda one: one.utc):
         if entry.kind not in _TROUBLES:
             continue
         if entry.kind is EntryKind.LINK and entry.what != _LOST:
@@ -317,19 +375,35 @@ def _troubles(entries: Iterable[Entry]) -> tuple[Trouble, ...]:
     return tuple(found.values())
 
 
-def _away_s(entries: Iterable[Entry], until: datetime) -> float:
-    """For how long the mount's link was lost."""
+def _away(entries: Iterable[Entry], until: datetime) -> Iterable[tuple[datetime, datetime]]:
+    """When the mount's link was lost."""
     lost: datetime | None = None
-    total_s = 0.0
     for entry in entries:
         if entry.kind is not EntryKind.LINK:
             continue
         if entry.what == _LOST:
             lost = lost or entry.utc
         elif lost is not None and entry.what in _BACK:
-            total_s += (entry.utc - lost).total_seconds()
+            yield lost, entry.utc
             lost = None
-    return total_s + (0.0 if lost is None else max(0.0, (until - lost).total_seconds()))
+    if lost is not None:
+        yield lost, until
+
+
+def _in_vain(centerings: Iterable[Centered]) -> Iterable[tuple[datetime, datetime]]:
+    """When targets were tried that were not centered."""
+    for one in centerings:
+        if not one.succeeded and one.elapsed_s:
+            yield one.utc - timedelta(seconds=one.elapsed_s), one.utc
+
+
+def _covered_s(spans: Iterable[tuple[datetime, datetime]]) -> float:
+    """How long all of them last together; what several cover counts once."""
+    total_s, reached = 0.0, datetime.min.replace(tzinfo=UTC)
+    for since, until in sorted(spans):
+        total_s += max(0.0, (until - max(since, reached)).total_seconds())
+        reached = max(reached, until)
+    return total_s
 
 
 def _pauses(times: Sequence[datetime]) -> Iterable[tuple[datetime, datetime]]:

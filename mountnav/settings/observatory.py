@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar, get_args
@@ -88,6 +89,10 @@ class _EphemeridesAlone(Section):
     ephemerides: EphemeridesSettings = EphemeridesSettings()
 
 
+_SERIAL = re.compile(r"[a-z0-9]+\+serial://([^?]+)")
+"""A URL of a mount on a serial line, and the line."""
+
+
 class Settings(Section):
     """The whole file."""
 
@@ -132,6 +137,28 @@ class Settings(Section):
     def _virtual_time_has_no_hardware(self) -> Self:
         if self.demo is not None:
             self.demo.require_no_hardware(self.telescope)
+        return self
+
+    @model_validator(mode="after")
+    def _a_serial_line_has_one_mount(self) -> Self:
+        taken: dict[str, str] = {}
+        for number, one in enumerate(self.telescope):
+            line = _SERIAL.match(one.mount.url)
+            if line is None:
+                continue
+            other = taken.setdefault(line[1], one.id)
+            if other != one.id:
+                raise PydanticCustomError(
+                    "serial_line_twice",
+                    "the mounts of {one} and {other} are both on {line}",
+                    {
+                        "one": one.id,
+                        "other": other,
+                        "line": line[1],
+                        "key": ("telescope", number, "mount"),
+                        "fix": "give each mount a line of its own",
+                    },
+                )
         return self
 
     @model_validator(mode="after")

@@ -225,6 +225,9 @@ def test_old_looks_go_and_commands_stay(file: Path) -> None:
             await journal.begin(slew_of(seconds=second))
             await journal.note(note_of("a fault", seconds=second, kind=EntryKind.FAULT))
             await journal.note(note_of("passing", seconds=second))
+        for telescope, what in (("east", "first"), ("east", "last"), ("west", "only")):
+            standing = note_of(what, telescope=telescope, seconds=old, kind=EntryKind.STANDING)
+            await journal.note(standing)
         for _ in range(120):
             await journal.note(note_of("more", seconds=0.0 - old))
 
@@ -240,6 +243,26 @@ def test_old_looks_go_and_commands_stay(file: Path) -> None:
     assert len(reader.commands()) == 2
     assert [one.what for one in reader.entries(Wanted(kinds=frozenset({EntryKind.FAULT})))] == ["a fault"] * 2
     assert len(reader.entries(Wanted(text="passing"))) == 1
+    # however old, what the next start compares a mount with stays
+    standing = reader.entries(Wanted(kinds=frozenset({EntryKind.STANDING})))
+    assert sorted(one.what for one in standing) == ["last", "only"]
+    journal.close()
+
+
+def test_the_last_entry_is_the_one_that_was_written_last(file: Path) -> None:
+    """A clock that was an hour ahead for a while must not bring an older word back."""
+    journal = open_journal(file, inline=True, fsync="never")
+
+    async def write() -> None:
+        await journal.note(note_of("trusted", seconds=3600.0, kind=EntryKind.STANDING))
+        await journal.note(note_of("not trusted", seconds=30.0, kind=EntryKind.STANDING))
+        await journal.note(note_of("another kind", seconds=7200.0, kind=EntryKind.FAULT))
+
+    asyncio.run(write())
+    last = journal.reader.last_entry(EntryKind.STANDING, "east")
+    assert last is not None
+    assert last.what == "not trusted"
+    assert journal.reader.last_entry(EntryKind.STANDING, "west") is None
     journal.close()
 
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import sqlite3
 from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from xml.etree import ElementTree
@@ -14,8 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mountnav.errors import BadRequest
+from mountnav.journal.job_rows import JobRow
 from mountnav.journal.reading import JournalReader
-from mountnav.journal.records import CommandEnd, EntryKind, Outcome
+from mountnav.journal.records import Cause, CommandEnd, EntryKind, Outcome
 from mountnav.journal.sql_journal import SqlJournal, open_journal
 from mountnav.night.morning_report import MorningReport, night_of, report_of
 from mountnav.night.report_pages import as_html, as_markdown
@@ -112,6 +116,83 @@ async def test_a_night_is_counted_as_it_was(journal: SqlJournal) -> None:
         "1 of 4 targets",
     ):
         assert words in advice
+
+
+def _job(kind: str, state: str, seconds: float, **more: object) -> JobRow:
+    problem = {"type": "urn:mountnav:problem:device-missing", "detail": "the port is taken"}
+    row = JobRow(
+        job_id=f"{kind}-{seconds:.0f}",
+        telescope="east",
+        kind=kind,
+        state=state,
+        phase="ended",
+        request={"kind": kind, "target": {"kind": "icrs", "ra_deg": 10.0, "dec_deg": 20.0}},
+        created_utc=at(seconds),
+        request_sha256="",
+        started_utc=at(seconds),
+        finished_utc=at(seconds + 30.0),
+        problem=problem if state == "failed" else None,
+    )
+    return replace(row, **more)  # type: ignore[arg-type]
+
+
+async def test_orders_that_never_came_to_the_mount_are_told(journal: SqlJournal) -> None:
+    """No device, or the service was killed: no centering wrote its end, yet the target was ordered."""
+    reached = note_of(
+        "centering",
+        seconds=60.0,
+        kind=EntryKind.CENTERING,
+        facts={"outcome": "centered"},
+        cause=Cause("center-0"),
+    )
+    await journal.note(reached)
+    refused = note_of(
+        "home refused", seconds=500.0, kind=EntryKind.REFUSAL, facts={}, cause=Cause("home-500")
+    )
+    await journal.note(refused)
+    for row in (
+        _job("center", "succeeded", 0.0),
+        _job("center", "failed", 100.0),
+        _job("center", "running", 200.0, finished_utc=None),
+        _job("park", "failed", 300.0),
+        _job("park", "cancelled", 400.0),
+        _job("home", "failed", 500.0),
+        _job("center", "failed", 600.0, telescope="west"),
+    ):
+        await journal.save_job(row)
+    report = _read(journal)
+    assert [one.outcome for one in report.centerings] == ["centered", "device-missing"]
+    assert (report.centerings[1].ra_deg, report.centerings[1].elapsed_s) == (10.0, 30.0)
+    assert report.lost_s == pytest.approx(30.0)
+    assert [(one.kind, one.what) for one in report.troubles] == [
+        ("job", "the order park failed: the port is taken"),
+        ("refusal", "home refused"),
+    ]
+    assert "device-missing" in " ".join(report.advice)
+
+
+async def test_time_is_lost_once(journal: SqlJournal) -> None:
+    """A lost link makes the centering fail as well."""
+    await journal.note(note_of("link-lost", kind=EntryKind.LINK, seconds=100.0, facts={}))
+    await journal.note(_centering(160.0, "device-missing", [500.0, 490.0, 480.0]))  # type: ignore[arg-type]
+    await journal.note(note_of("link-back", kind=EntryKind.LINK, seconds=400.0, facts={}))
+    assert _read(journal).lost_s == pytest.approx(330.0)
+
+
+async def test_starts_of_the_service_are_counted_however_long_ago(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    open_journal(path).close()
+    with closing(sqlite3.connect(path)) as connection:
+        for number in range(130):
+            utc = at(0.0) + timedelta(hours=6 * number)
+            row = (f"run-{number}", utc.replace(tzinfo=None).isoformat(" "), "1", "dome", 1, "", "")
+            connection.execute(
+                "INSERT INTO run (run_id, started_utc, version, host, pid, settings_sha256, settings) "
+                "VALUES (?, ?, ?, ?, ?, ?, ?)",
+                row,
+            )
+        connection.commit()
+    assert report_of(JournalReader(path), "east", SINCE, UNTIL).runs == 2
 
 
 async def test_a_night_without_anything_is_told_as_one(journal: SqlJournal) -> None:

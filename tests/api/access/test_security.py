@@ -43,7 +43,7 @@ NO_KEY_NEEDED = {
     "/help/{path}",
 }
 """The page's own files and the API's description: they tell nothing of the sky; the page asks for the key."""
-ONLY_VIRTUAL = {"GET /v1/virtual"}
+ONLY_VIRTUAL = {"GET /v1/virtual", "POST /v1/virtual/skip"}
 """Of the virtual observatory alone."""
 ALPACA = ("/api", "/management", "/setup")
 """The Alpaca face asks for keys itself, in its own way, and is tested for it in its own room."""

@@ -92,6 +92,21 @@ def test_the_unit_leaves_little_to_attack() -> None:
     assert done.returncode == 0, done.stdout[-300:] + done.stderr
 
 
+def test_the_unit_reads_the_settings_again_by_a_command_that_is_there() -> None:
+    unit = (ROOT / "deploy" / "mountnav.service").read_text().splitlines()
+    (command,) = (line.partition("=")[2].split() for line in unit if line.startswith("ExecReload="))
+    (start,) = (line.partition("=")[2].split() for line in unit if line.startswith("ExecStart="))
+    assert command[0] == start[0]
+    # nobody answers there: told plainly, and the code by which systemctl reload fails
+    done = subprocess.run(
+        [sys.executable, "-m", "api.main", *command[1:], "--service", "http://127.0.0.1:1"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1
+    assert "no mountnav service answers" in done.stderr
+
+
 def _ended(config: Path) -> tuple[int, str]:
     done = subprocess.run(
         [sys.executable, "-m", "api.main", "serve", "--config", str(config)], capture_output=True, text=True

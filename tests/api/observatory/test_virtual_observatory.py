@@ -161,3 +161,29 @@ def _require_header(answer: httpx.Response) -> None:
     said = dict(part.split("=") for part in answer.headers["Mountnav-Virtual"].split(", "))
     assert float(said["speed"]) == SPEED
     assert AT < datetime.fromisoformat(said["utc"]) < AT.replace(day=2)
+
+
+@pytest.mark.long
+def test_the_time_between_two_nights_passes_at_once_while_nothing_moves(observatory: Observatory) -> None:
+    client = observatory.client
+    if client.get(DEMO).json()["parked"]:
+        client.post(f"{DEMO}/unpark", params={"wait": 60})
+    assert client.post(f"{DEMO}/tracking", json={"on": True}, params={"wait": 60}).status_code == 200
+    refused = client.post("/v1/virtual/skip", json={"until": "night"})
+    assert refused.status_code == 409, refused.text
+    assert "it tracks" in refused.json()["detail"]
+    assert client.post(f"{DEMO}/park", params={"wait": 60}).json()["state"] == "succeeded"
+
+    for wrong in ("2026-01-01T00:00:00Z", "2036-01-01T00:00:00Z"):
+        assert client.post("/v1/virtual/skip", json={"until": wrong}).status_code == 422
+    for unreadable in ("2026-12-05T00:00:00", "noon"):
+        assert client.post("/v1/virtual/skip", json={"until": unreadable}).status_code == 422
+    before = datetime.fromisoformat(observatory.now()["utc"])
+    told = client.post("/v1/virtual/skip", json={"until": "night"})
+    assert told.status_code == 200, told.text
+    begins = datetime.fromisoformat(told.json()["utc"])
+    assert before.date() < begins.date()
+    assert 15 <= begins.hour <= 17
+    # it was seen by the mount as well, and it works on
+    assert client.get(DEMO).json()["parked"] is True
+    assert client.post(f"{DEMO}/unpark", params={"wait": 60}).json()["state"] == "succeeded"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import sqlite3
 import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -216,6 +217,25 @@ def test_a_real_observatorys_journal_is_left_alone(tmp_path: Path) -> None:
         assert passing.journal.url != ""
         assert Path(passing.journal.url).parent.is_dir()
     assert not Path(passing.journal.url).parent.exists()
+
+
+@pytest.mark.parametrize(("kept", "refused"), [('{"demo": {"speed": 2.0}}', False), ("{}", True)])
+def test_a_virtual_journal_of_an_older_version_is_taken_up(tmp_path: Path, kept: str, refused: bool) -> None:
+    """The service brings it up to date at its start; whether it is of a virtual sky is seen before."""
+    path = tmp_path / "old.sqlite"
+    old = Path(__file__).parents[2] / "journal" / "version_1.sql"
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        connection.executescript(old.read_text(encoding="utf-8"))
+        connection.execute("UPDATE run SET settings = ?", (kept,))
+        connection.commit()
+    settings = demo_service_settings(DemoSettings(), 0)
+    settings = settings.model_copy(update={"journal": JournalSettings(url=str(path))})
+    if refused:
+        with pytest.raises(BadSettings, match="is of a real observatory"), demo_journal(settings):
+            pass
+        return
+    with demo_journal(settings):
+        open_journal(path).close()
 
 
 # -- the mount's own time ------------------------------------------------------------
