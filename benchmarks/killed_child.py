@@ -12,8 +12,9 @@ from typing import Any, cast
 
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
-from drivers.lx200.language import lx200_language
+from drivers.lx200.language import Lx200Language
 from drivers.simulated.truth_camera import TruthCamera
+from drivers.wire.link import link_to
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import SystemClock
 from mountnav.errors import MountnavError
@@ -100,7 +101,7 @@ def child(parent: Connection, plan: Plan) -> None:
 async def _serve(parent: Connection, plan: Plan, at_step: Any) -> None:
     clock = SystemClock()
     journal = await asyncio.to_thread(open_journal, plan.database)
-    mount = GenericMount(lx200_language(plan.address), timing=TIMING)
+    mount = GenericMount(Lx200Language(link_to(plan.address)), timing=TIMING)
 
     def on_wire(entry: Any) -> None:
         for order, name in _ON_WIRE.items():

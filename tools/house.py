@@ -3,8 +3,8 @@
 Run: python tools/house.py [FOLDER] [--hops]
 
 FOLDER is a checkout (default: this one), so that an old state can be measured by the same rules. Figures are
-counted from the source text alone, with the standard library; `--hops` besides runs a centering, a stop and a
-solve of a simulated telescope in this process and counts what they pass through (this checkout only).
+counted from the source text alone, with the standard library; `--hops` runs a solve of a drawn frame, and a
+slew and a stop of a fake mount, in this process and counts what they pass through (this checkout only).
 
 How each figure is counted:
 
@@ -25,12 +25,19 @@ from __future__ import annotations
 
 import argparse
 import ast
+import asyncio
 import re
 import sys
+import threading
 import tokenize
 from collections import Counter, defaultdict
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
+from types import FrameType
 
 PACKAGES = ("mountnav", "drivers", "api")
 ROOMS = (
@@ -284,13 +291,150 @@ def measure(root: Path) -> list[tuple[str, str]]:
     ]
 
 
+class Trace:
+    """Calls into the three packages, in their order, of all threads.
+
+    Parameters
+    ----------
+    target : str
+        The function whose callers are noted when it is first called.
+    """
+
+    def __init__(self, root: Path, target: str = "") -> None:
+        self._target = target
+        self.chain: list[tuple[str, str]] = []
+        """File and function of the target and of all that wait for it."""
+        self._roots = tuple(f"{root / package}/" for package in PACKAGES)
+        self.calls: list[tuple[str, str]] = []
+        """File and function."""
+
+    def _called(self, frame: FrameType, event: str, _value: object) -> None:
+        code = frame.f_code
+        if event == "call" and code.co_filename.startswith(self._roots) and code.co_name[0] != "<":
+            self.calls.append((code.co_filename, code.co_qualname))
+            if code.co_qualname == self._target and not self.chain:
+                self.chain = list(self._waiting(frame))
+
+    def _waiting(self, frame: FrameType | None) -> Iterator[tuple[str, str]]:
+        while frame is not None:
+            code = frame.f_code
+            if code.co_filename.startswith(self._roots) and code.co_name[0] != "<":
+                yield code.co_filename, code.co_qualname
+            frame = frame.f_back
+
+    @contextmanager
+    def on(self) -> Iterator[None]:
+        """Trace what is called meanwhile."""
+        threading.setprofile(self._called)
+        sys.setprofile(self._called)
+        try:
+            yield
+        finally:
+            sys.setprofile(None)
+            threading.setprofile(None)
+
+    def files(self, *within: str) -> set[str]:
+        """Files that were entered, of all rooms or of those named."""
+        return {file for file, _ in self.calls if not within or any(f"/{one}/" in file for one in within)}
+
+    def changes(self) -> int:
+        """How often a call led to another file than the one before."""
+        return sum(one[0] != other[0] for one, other in pairwise(self.calls))
+
+    def way(self) -> tuple[int, int]:
+        """Functions and files of the chain of calls to the target."""
+        return len(self.chain), len({file for file, _ in self.chain})
+
+
+def hops(root: Path) -> list[tuple[str, str]]:
+    """What a solve, and a slew and a stop of a fake mount, pass through."""
+    sys.path.insert(0, str(root))
+    found = list[tuple[str, str]]()
+    for name, center in (("first", (83.8, -5.4)), ("second", (210.8, 54.3))):
+        trace = _solve_traced(root, *center)
+        found.append((f"files that solve enters, {name} frame", str(len(trace.files()))))
+        inner = trace.files("identification", "solving")
+        found.append(("of these in identification and solving", str(len(inner))))
+        found.append(("changes of file in that trace", f"{trace.changes():,}"))
+    slew, stop = asyncio.run(_orders_traced(root))
+    for what, (functions, files) in (("slew", slew), ("stop", stop)):
+        found.append((f"{what} of a checked mount to its wire", f"{functions} functions in {files} files"))
+    return found
+
+
+def _solve_traced(root: Path, ra_deg: float, dec_deg: float) -> Trace:
+    from mountnav.catalog.embedded import embedded_catalog
+    from mountnav.frames import Hint
+    from mountnav.simulation.optics import SimulatedOptics
+    from mountnav.simulation.render import draw_frame
+    from mountnav.sky.coordinates import Icrs
+    from mountnav.solving.solve import solve
+
+    center = Icrs(ra_deg, dec_deg)
+    optics = SimulatedOptics(1600, 1200, 4.0, fwhm_px=3.0, sky_adu_s=5.0)
+    when = datetime(2026, 11, 21, 22, tzinfo=UTC)
+    frame = draw_frame(center, optics, embedded_catalog(), exposure_s=10.0, mid_exposure_utc=when, seed=1)
+    hint = Hint(center, 1.0, 0.98 * optics.scale_arcsec_px, 1.02 * optics.scale_arcsec_px)
+    trace = Trace(root)
+    with trace.on():
+        verdict = solve(frame, embedded_catalog(), hint=hint)
+    if verdict.solution is None:
+        raise SystemExit(f"the drawn frame was not solved: {verdict.detail}")
+    return trace
+
+
+async def _orders_traced(root: Path) -> tuple[tuple[int, int], tuple[int, int]]:
+    from drivers.fakes.bench import FakeOnPty
+    from drivers.registry import make_fake, open_mount
+    from mountnav.clock import SystemClock
+    from mountnav.journal.memory import MemoryJournal
+    from mountnav.mount import CheckedMount
+    from mountnav.pointing.limits import Limits
+    from mountnav.simulation.mechanics import Mechanics, PointingErrors
+    from mountnav.sky.coordinates import Air, Site
+
+    site, air = Site(47.0, 11.0, 600.0), Air()
+    with FakeOnPty(make_fake("lx200", "onstep", Mechanics(site, air, PointingErrors()))) as bench:
+        mount = CheckedMount(
+            open_mount(f"lx200+serial://{bench.address}", site=site),
+            telescope="traced",
+            limits=Limits(0.0),
+            site=site,
+            air=air,
+            journal=MemoryJournal(),
+            clock=SystemClock(),
+        )
+        await mount.open()
+        mount.trust()
+        try:
+            here = (await mount.reading()).place
+            trace = Trace(root, "Lx200Exchange.once")
+            with trace.on():
+                slewing = asyncio.create_task(mount.slew(replace(here, dec_deg=here.dec_deg - 5.0)))
+                await asyncio.sleep(1.0)
+            slew = trace.way()
+            trace = Trace(root, "Exchange.send_now")
+            with trace.on():
+                await mount.stop()
+            stop = trace.way()
+            await asyncio.gather(slewing, return_exceptions=True)
+        finally:
+            await mount.close()
+    return slew, stop
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("folder", nargs="?", type=Path, default=Path(__file__).resolve().parent.parent)
     parser.add_argument(
         "--list", choices=("up", "circles", "constants"), help="what a figure counts, by name"
     )
+    parser.add_argument("--hops", action="store_true", help="what a solve, a slew and a stop pass through")
     given = parser.parse_args()
+    if given.hops:
+        table = hops(given.folder)
+        print("\n".join(f"{what:<{max(len(one) for one, _ in table)}}  {figure}" for what, figure in table))
+        return
     modules = modules_of(given.folder)
     if given.list == "up":
         print("\n".join(f"{one} -> {other}" for one, other in arrows_up(modules)))

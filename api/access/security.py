@@ -305,13 +305,15 @@ def allowed_file(path: Path, folders: Sequence[Path], *, telescope_id: str) -> P
         real = path.resolve()
         inside = any(real.is_relative_to(folder.resolve()) for folder in folders)
         there = inside and real.is_file()
-    except (OSError, ValueError) as odd:  # a name with a zero byte, a loop of links
+    # a name with a zero byte; a loop of links, which is a RuntimeError before Python 3.13
+    except (OSError, RuntimeError, ValueError) as odd:
         raise BadRequest("that path is empty or invalid", device=telescope_id, advice=str(odd)) from odd
     if not inside:
         raise BadRequest(
             f"{path} is not in a folder that frames may be taken from",
             device=telescope_id,
-            advice="set night.folder or night.allowed_folders",
+            advice="set night.folder or night.allowed_folders: "
+            + (", ".join(map(str, folders)) or "there are none yet"),
         )
     if not there:
         raise NotFound(f"there is no file {path}", device=telescope_id, advice="check the name")

@@ -11,6 +11,7 @@ from datetime import timedelta
 from functools import partial
 from pathlib import Path
 
+from api.access.security import allowed_file
 from api.nights.safety_file import SafetyFile
 from api.observatory.observatory import Heard, Observatory
 from drivers.folder.watcher import FolderWatcher
@@ -18,7 +19,7 @@ from drivers.wire.wire_log import WireEntry, WireLog
 from mountnav.catalog.stars import Catalog
 from mountnav.clock import Clock, SystemClock
 from mountnav.ephemeris import Ephemeris
-from mountnav.errors import BadRequest, Busy, DeviceError, JournalFailed, NotFound
+from mountnav.errors import Busy, DeviceError, JournalFailed, NotFound
 from mountnav.files import open_buffered
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import Entry, EntryKind, Journal, Unwritten
@@ -227,18 +228,7 @@ class NightRunner:
         NotFound
             There is no such file.
         """
-        real = path.resolve()
-        folders = [folder.resolve() for folder in self._settings.folders]
-        if not any(real.is_relative_to(folder) for folder in folders):
-            raise BadRequest(
-                f"{path} is not in a folder that frames may be taken from",
-                device=self.parts.telescope_id,
-                advice="set night.folder or night.allowed_folders: "
-                + (", ".join(map(str, folders)) or "there are none yet"),
-            )
-        if not real.is_file():
-            raise NotFound(f"there is no file {path}", device=self.parts.telescope_id)
-        return real
+        return allowed_file(path, self._settings.folders, telescope_id=self.parts.telescope_id)
 
     async def result(self, frame_id: str, wait_s: float) -> FrameAnswer:
         """What became of a frame; see `FramesIn.result`."""

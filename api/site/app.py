@@ -33,6 +33,8 @@ from mountnav.clock import utc_now
 from mountnav.masking import mask_logs
 from mountnav.settings.site_file import SiteFile, SitePageSettings
 
+_SHARED = {"first.js": "js/first.js", "icon.svg": "icon.svg"}
+"""Files of this page that are a service's page's: their paths here and there."""
 _MOST_BODY_KB = 4.0
 """Nothing that is asked here has a body; a stop is taken with whatever comes."""
 
@@ -220,8 +222,9 @@ async def get_page(if_none_match: IfNoneMatch = None, accepted: Encodings = "") 
 
 @router.get("/web/{path:path}", responses=responses(404))
 async def get_asset(path: str, if_none_match: IfNoneMatch = None, accepted: Encodings = "") -> Response:
-    """One of its files."""
-    return asset_answer("api.site", path, if_none_match, accepted)
+    """One of its files, or of those that a service's page has as well."""
+    package = "api" if path in _SHARED else "api.site"
+    return asset_answer(package, _SHARED.get(path, path), if_none_match, accepted)
 
 
 def _guard(app: FastAPI, keys: KeyStore) -> None:

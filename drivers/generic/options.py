@@ -15,6 +15,7 @@ from mountnav.errors import BadSettings
 if TYPE_CHECKING:
     from drivers.generic.language import Language
     from drivers.generic.mount import GenericMount
+    from drivers.wire.link import Link
     from mountnav.sky.coordinates import Site
 
 
@@ -246,6 +247,13 @@ class MountOptions:
     def patience_with(self, patience: Patience) -> Patience:
         """A family's own times of a question, with the settling and greeting times of this URL."""
         return replace(patience, settle_s=self.settle_s, greeting_s=self.greeting_s)
+
+    def link(self, line: str, patience: Patience | None = None) -> Link:
+        """Make the link to a URL's line, with these options; `patience`: the family's own."""
+        from drivers.wire.link import link_to
+
+        patience = self.patience if patience is None else self.patience_with(patience)
+        return link_to(line, baud=self.baud, control=self.control, patience=patience)
 
     def mount(self, language: Language, *, name: str | None, site: Site | None) -> GenericMount:
         """Make the mount that speaks a language, with these options."""

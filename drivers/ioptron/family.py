@@ -15,17 +15,10 @@ if TYPE_CHECKING:
 def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMount:
     from drivers.generic.options import read_options
     from drivers.ioptron.codec.greeting import COMMAND_SETS
-    from drivers.ioptron.language import BAUD, ioptron_language
+    from drivers.ioptron.language import BAUD, IoptronLanguage
 
     options = read_options(url.options, "ioptron", baud=BAUD, timeout_s=5.0, dialects=COMMAND_SETS)
-    language = ioptron_language(
-        url.line,
-        baud=options.baud,
-        control=options.control,
-        epoch=options.epoch,
-        dialect=options.dialect,
-        patience=options.patience,
-    )
+    language = IoptronLanguage(options.link(url.line), epoch=options.epoch, dialect=options.dialect)
     return options.mount(language, name=name, site=site)
 
 

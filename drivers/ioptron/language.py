@@ -6,7 +6,7 @@ order then shows in the readings.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from datetime import datetime
 
 from drivers.generic.language import Sent, Wanted
@@ -17,12 +17,8 @@ from drivers.ioptron.exchange import destination_side, why_not
 from drivers.ioptron.rates import MOST, SPANS, STEP_ARCSEC_S, move_ra, order_rates, told_rates
 from drivers.ioptron.readings import SLEWING, IoptronReading
 from drivers.wire.command import Command
-from drivers.wire.exchange import Patience
-from drivers.wire.line import ByteLine, ControlLines, SerialLine
-from drivers.wire.link import Link
-from drivers.wire.wire_log import WireLog
 from mountnav import devices
-from mountnav.devices import Direction, Epoch, MountAxis, OffsetRates, RateSpan, Skill
+from mountnav.devices import Direction, MountAxis, OffsetRates, RateSpan, Skill
 from mountnav.errors import DeviceGarbled, Refusal
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 
@@ -263,34 +259,3 @@ class IoptronLanguage(IoptronReading):
 
 BAUD = 115_200
 """Of v3 mounts; hand controllers 8407 and 8408, and most v2 mounts, speak at 9600 [IOPTRON, INDI ieqpro]."""
-
-
-def ioptron_language(
-    line: str | Callable[[], ByteLine],
-    *,
-    baud: int = BAUD,
-    control: ControlLines | None = None,
-    epoch: Epoch = "apparent",
-    dialect: str | None = None,
-    patience: Patience | None = None,
-) -> IoptronLanguage:
-    """Make the language over a line of its own; nothing is opened yet.
-
-    Parameters
-    ----------
-    line : str or callable
-        Address for a `SerialLine`, or a function that makes a `ByteLine`.
-    baud : int
-        Speed of a serial port.
-    control : ControlLines, optional
-        Of a serial port.
-    epoch : {"apparent", "icrs"}
-        Kind of coordinates it is taken to speak.
-    dialect : {"v2", "v3"}, optional
-        Its command set; found out by default.
-    patience : Patience, optional
-        For one question.
-    """
-    log = WireLog()
-    made = SerialLine(line, baud=baud, log=log, control=control) if isinstance(line, str) else line()
-    return IoptronLanguage(Link(made, patience or Patience(), log), epoch=epoch, dialect=dialect)

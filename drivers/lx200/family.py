@@ -17,17 +17,13 @@ if TYPE_CHECKING:
 
 def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMount:
     from drivers.generic.options import read_options
-    from drivers.lx200.language import lx200_language
+    from drivers.lx200.codec.greeting import dialect_named
+    from drivers.lx200.language import Lx200Language
 
     options = read_options(url.options, "lx200", baud=9600, timeout_s=5.0, dialects=_dialect_names())
-    language = lx200_language(
-        url.line,
-        baud=options.baud,
-        control=options.control,
-        patience=options.patience,
-        dialect=options.dialect,
-        epoch=options.epoch if "epoch" in url.options else None,
-    )
+    dialect = None if options.dialect is None else dialect_named(options.dialect)
+    epoch = options.epoch if "epoch" in url.options else None
+    language = Lx200Language(options.link(url.line), dialect, epoch=epoch)
     return options.mount(language, name=name, site=site)
 
 

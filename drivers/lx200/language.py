@@ -13,14 +13,10 @@ from datetime import datetime
 from drivers.generic.language import Identity, Readout, Sent, Wanted
 from drivers.generic.serial_language import SerialLanguage
 from drivers.lx200.codec.dialect import Dialect, Nudge, Order
-from drivers.lx200.codec.greeting import dialect_named
 from drivers.lx200.rates import move_axis, order_rates
 from drivers.lx200.readings import Lx200Reader
 from drivers.wire.command import Command
-from drivers.wire.exchange import Patience
-from drivers.wire.line import ByteLine, ControlLines, SerialLine
 from drivers.wire.link import Link
-from drivers.wire.wire_log import WireLog
 from mountnav.clock import pause, real_s
 from mountnav.devices import (
     Direction,
@@ -370,42 +366,3 @@ class Lx200Language(SerialLanguage):
         async with self._target:
             await self._aim(place)
             return await dialect.destination_side(self._exchange)
-
-
-def lx200_language(
-    line: str | Callable[[WireLog], ByteLine],
-    *,
-    baud: int = 9600,
-    control: ControlLines | None = None,
-    patience: Patience | None = None,
-    dialect: str | None = None,
-    epoch: Epoch | None = None,
-) -> Lx200Language:
-    """Make the language alone, over a line that is not opened yet.
-
-    Parameters
-    ----------
-    line : str or callable
-        Address for a `SerialLine`, or a function that makes a `ByteLine` with the log given.
-    baud : int
-        Speed of a serial port.
-    control : ControlLines, optional
-        Of a serial port.
-    patience : Patience, optional
-        For one question.
-    dialect : str, optional
-        Instead of the one that the handshake shows.
-    epoch : {"apparent", "icrs"}, optional
-        Kind of coordinates; the dialect's by default.
-
-    Raises
-    ------
-    BadSettings
-        If there is no such dialect.
-    """
-    log = WireLog()
-    opened: ByteLine = (
-        SerialLine(line, baud=baud, log=log, control=control) if isinstance(line, str) else line(log)
-    )
-    spoken = None if dialect is None else dialect_named(dialect)
-    return Lx200Language(Link(opened, patience or Patience(), log), spoken, epoch=epoch)

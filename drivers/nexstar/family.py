@@ -31,17 +31,11 @@ def _open_synscan(url: MountUrl, name: str | None, site: Site | None) -> Generic
 
 def _open(url: MountUrl, name: str | None, site: Site | None, driver: str, epoch: Epoch) -> GenericMount:
     from drivers.generic.options import read_options
-    from drivers.nexstar.language import nexstar_language, patience_of
+    from drivers.nexstar.language import NexstarLanguage, patience_of
 
     options = read_options(url.options, driver, baud=9600, timeout_s=8.0, epoch=epoch, own=_PARK)
-    language = nexstar_language(
-        url.line,
-        baud=options.baud,
-        control=options.control,
-        epoch=options.epoch,
-        patience=options.patience_with(patience_of(options.timeout_s)),
-        park=_park(options.own),
-    )
+    link = options.link(url.line, patience_of(options.timeout_s))
+    language = NexstarLanguage(link, epoch=options.epoch, park=_park(options.own))
     return options.mount(language, name=name, site=site)
 
 

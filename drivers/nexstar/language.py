@@ -26,19 +26,14 @@ from drivers.nexstar.codec.passthrough import (
     motor_for,
 )
 from drivers.nexstar.codec.site_and_time import time_for, wire_site
-from drivers.nexstar.parking import Horizon
 from drivers.nexstar.rates import MOST_ARCSEC_S, SPANS, STEP_ARCSEC_S, Turning
 from drivers.nexstar.readings import EQUATORIAL, NexstarReading
 from drivers.wire.command import Command
 from drivers.wire.exchange import Patience
-from drivers.wire.line import ByteLine, ControlLines, SerialLine
-from drivers.wire.link import Link
-from drivers.wire.wire_log import WireLog
 from mountnav.clock import pause
 from mountnav.devices import (
     STARS_RATES,
     Direction,
-    Epoch,
     MountAxis,
     OffsetRates,
     PierSide,
@@ -352,34 +347,3 @@ class NexstarLanguage(NexstarReading):
 def patience_of(timeout_s: float) -> Patience:
     """Return the times of one question: two tries, since an answer may be held back for 3.5 s [NexStar]."""
     return Patience(deadline_s=timeout_s, try_s=0.45 * timeout_s)
-
-
-def nexstar_language(
-    line: str | Callable[[], ByteLine],
-    *,
-    baud: int = 9600,
-    control: ControlLines | None = None,
-    epoch: Epoch = "apparent",
-    patience: Patience | None = None,
-    park: Horizon | None = None,
-) -> NexstarLanguage:
-    """Make the language over a line of its own; nothing is opened yet.
-
-    Parameters
-    ----------
-    line : str or callable
-        Address for a `SerialLine`, or a function that makes a `ByteLine`.
-    baud : int
-        Speed of a serial port.
-    control : ControlLines, optional
-        Of a serial port.
-    epoch : {"apparent", "icrs"}
-        Kind of coordinates: JNow for Celestron, J2000 for SynScan.
-    patience : Patience, optional
-        For one question.
-    park : Horizon, optional
-        Where it parks.
-    """
-    log = WireLog()
-    made = SerialLine(line, baud=baud, log=log, control=control) if isinstance(line, str) else line()
-    return NexstarLanguage(Link(made, patience or patience_of(8.0), log), epoch=epoch, park=park)

@@ -28,7 +28,7 @@ _RANGES = {
 
 def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMount:
     from drivers.generic.options import read_options
-    from drivers.skywatcher.language import BAUD, PATIENCE, skywatcher_language
+    from drivers.skywatcher.language import BAUD, PATIENCE, SkywatcherLanguage
     from drivers.wire.exchange import Patience
 
     options = read_options(url.options, "skywatcher", baud=BAUD, timeout_s=PATIENCE.deadline_s, own=_RANGES)
@@ -41,14 +41,15 @@ def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMo
             "set_clock and set_site make no sense for skywatcher", advice="it has neither clock nor site"
         )
     timeout_s = options.timeout_s
-    language = skywatcher_language(
-        url.line,
-        site,
-        baud=options.baud,
-        control=options.control,
-        patience=options.patience_with(Patience(timeout_s, min(PATIENCE.try_s, timeout_s), PATIENCE.quiet_s)),
-        settings=_settings(options.own, settle_s=2.0 * options.timing.poll_s + 0.2),
-    )
+    patience = Patience(timeout_s, min(PATIENCE.try_s, timeout_s), PATIENCE.quiet_s)
+    settings = _settings(options.own, settle_s=2.0 * options.timing.poll_s + 0.2)
+    if site is None:
+        raise BadSettings(
+            "a Sky-Watcher motor controller has no coordinates of its own: its "
+            "mount can't be driven without a site",
+            advice="set latitude and longitude of the telescope",
+        )
+    language = SkywatcherLanguage(options.link(url.line, patience), site, settings)
     return options.mount(language, name=name, site=site)
 
 

@@ -11,14 +11,12 @@ import contextlib
 import math
 from collections.abc import Callable, Mapping
 from datetime import datetime
-from urllib.parse import urlsplit
 
 from drivers.generic.language import Sent, Wanted
 from drivers.skywatcher import codec
 from drivers.skywatcher.axes import (
     HOME,
     RATES_DEG_S,
-    SkywatcherSettings,
     Turns,
     altitude_deg,
     hour_angle_of,
@@ -33,9 +31,6 @@ from drivers.skywatcher.rates import ground_rates, most_beside, rates_of, spans_
 from drivers.skywatcher.readings import SkywatcherReading
 from drivers.skywatcher.steering import Aim
 from drivers.wire.exchange import Patience
-from drivers.wire.line import ByteLine, ControlLines, SerialLine, UdpLine
-from drivers.wire.link import Link
-from drivers.wire.wire_log import WireLog
 from mountnav.clock import pause, utc_now
 from mountnav.devices import (
     STARS_RATES,
@@ -46,8 +41,8 @@ from mountnav.devices import (
     RateSpan,
     TrackingRate,
 )
-from mountnav.errors import BadRequest, BadSettings, DeviceError, DeviceRefused, Refusal
-from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs, Site
+from mountnav.errors import BadRequest, DeviceError, DeviceRefused, Refusal
+from mountnav.sky.coordinates import SIDEREAL_DEG_S, Apparent, Icrs
 from mountnav.sky.sphere import separation_arcsec
 
 _SYNC_FREE_DEG = 5.0
@@ -476,53 +471,3 @@ BAUD = 9600
 
 PATIENCE = Patience(deadline_s=3.0, try_s=0.8, quiet_s=0.05)
 """A real board answers within 17 ms (an owner's 2000 exchanges); datagrams are lost now and then."""
-
-
-def skywatcher_language(
-    line: str | Callable[[], ByteLine],
-    site: Site | None,
-    *,
-    baud: int = BAUD,
-    control: ControlLines | None = None,
-    patience: Patience = PATIENCE,
-    settings: SkywatcherSettings | None = None,
-) -> SkywatcherLanguage:
-    """Make the language over a line of its own; nothing is opened yet.
-
-    Parameters
-    ----------
-    line : str or callable
-        Device path, ``socket://host:port`` or ``udp://host:port``, or a function that makes a `ByteLine`.
-    site : Site
-        Where the mount stands.
-    baud : int
-        Speed of a serial port.
-    control : ControlLines, optional
-        Of a serial port.
-    patience : Patience
-        For one question.
-
-    Raises
-    ------
-    BadSettings
-        Without a site: the controller knows no sky, so we must know where it stands.
-    """
-    if site is None:
-        raise BadSettings(
-            "a Sky-Watcher motor controller has no coordinates of its own: its "
-            "mount can't be driven without a site",
-            advice="set latitude and longitude of the telescope",
-        )
-    log = WireLog()
-    return SkywatcherLanguage(Link(_line(line, baud, log, control), patience, log), site, settings)
-
-
-def _line(
-    line: str | Callable[[], ByteLine], baud: int, log: WireLog, control: ControlLines | None
-) -> ByteLine:
-    if not isinstance(line, str):
-        return line()
-    parts = urlsplit(line)
-    if parts.scheme == "udp" and parts.hostname and parts.port:
-        return UdpLine(parts.hostname, parts.port, log=log)
-    return SerialLine(line, baud=baud, log=log, control=control)

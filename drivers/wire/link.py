@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from typing import TypeVar
+from urllib.parse import urlsplit
 
 from drivers.wire.command import Command
 from drivers.wire.exchange import Exchange, Patience
-from drivers.wire.line import ByteLine
+from drivers.wire.line import ByteLine, ControlLines, SerialLine, UdpLine
 from drivers.wire.wire_log import WireLog
 from mountnav.errors import DeviceMissing
 from mountnav.tasks import waited_for
@@ -116,3 +118,35 @@ class Link:
     async def send_now(self, *commands: Command[None]) -> None:
         """Send commands in one write, past any question under way: the path of a stop."""
         await self._exchange.send_now(*commands)
+
+
+def link_to(
+    line: str | Callable[[WireLog], ByteLine],
+    *,
+    baud: int = 9600,
+    control: ControlLines | None = None,
+    patience: Patience | None = None,
+) -> Link:
+    """Make a link over a line of its own; nothing is opened yet.
+
+    Parameters
+    ----------
+    line : str or callable
+        Device path, ``socket://host:port`` or ``udp://host:port``, or a function that makes a `ByteLine` with
+        the log given.
+    baud : int
+        Speed of a serial port.
+    control : ControlLines, optional
+        Of a serial port.
+    patience : Patience, optional
+        For one question.
+    """
+    log = WireLog()
+    made: ByteLine
+    if not isinstance(line, str):
+        made = line(log)
+    elif (parts := urlsplit(line)).scheme == "udp" and parts.hostname and parts.port:
+        made = UdpLine(parts.hostname, parts.port, log=log)
+    else:
+        made = SerialLine(line, baud=baud, log=log, control=control)
+    return Link(made, patience or Patience(), log)

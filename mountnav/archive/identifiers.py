@@ -38,6 +38,7 @@ MOST_ROWS = 50_000_000
 """Stars of a file of names: 4 GB of memory. Doubled, twice that."""
 
 _TYCHO_EPOCH_YR, _SUPPLEMENT_EPOCH_YR = 2000.0, 1991.25
+"""Epochs of the places in tyc2.dat and in suppl_1.dat, Julian years [Tycho-2, ReadMe of CDS I/259]."""
 _TYCHO_FIELDS, _SUPPLEMENT_FIELDS = 32, 18
 """Fields of a line of tyc2.dat and of suppl_1.dat, [Tycho-2, ReadMe of CDS I/259]."""
 _RELEASES = {2016.0: "Gaia DR3", 2015.5: "Gaia DR2", 2015.0: "Gaia DR1"}

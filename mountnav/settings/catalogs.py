@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Literal, Self
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from mountnav.parsing import repeated
-from mountnav.settings.section import Section
+from mountnav.settings.section import Section, require_unique
 
 if TYPE_CHECKING:
     from mountnav.catalog.catalog_set import CatalogChoice
@@ -91,12 +90,9 @@ class CatalogsSettings(Section):
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
-        if twice := repeated(one.name for one in self.online):
-            raise PydanticCustomError(
-                "name_twice",
-                "two online catalogs have the name {name}",
-                {"name": twice[0], "key": "online", "fix": "give each [[catalogs.online]] a name of its own"},
-            )
+        fix = "give each [[catalogs.online]] a name of its own"
+        names = (one.name for one in self.online)
+        require_unique(names, "name_twice", "two online catalogs have the name {name}", fix=fix, key="online")
         return self
 
     def choice(self) -> CatalogChoice:

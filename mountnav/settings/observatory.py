@@ -27,7 +27,7 @@ from mountnav.settings.faces import (
 )
 from mountnav.settings.journal import JournalSettings
 from mountnav.settings.report import ReportSettings
-from mountnav.settings.section import Section
+from mountnav.settings.section import Section, require_unique
 from mountnav.settings.service import ServiceSettings
 from mountnav.settings.solver import SolverSettings
 from mountnav.settings.solving import SolvingSettings
@@ -122,15 +122,10 @@ class Settings(Section):
             raise PydanticCustomError(
                 "no_telescope", "there is no telescope", {"fix": "add a [[telescope]] table"}
             )
-        seen: set[str] = set()
-        for telescope in telescopes:
-            if telescope.id in seen:
-                raise PydanticCustomError(
-                    "id_twice",
-                    "two telescopes have the id {id}",
-                    {"id": telescope.id, "fix": "give each [[telescope]] an id of its own"},
-                )
-            seen.add(telescope.id)
+        fix = "give each [[telescope]] an id of its own"
+        require_unique(
+            (one.id for one in telescopes), "id_twice", "two telescopes have the id {name}", fix=fix
+        )
         return telescopes
 
     @model_validator(mode="after")

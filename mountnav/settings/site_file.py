@@ -17,7 +17,7 @@ from mountnav.files import read_text
 from mountnav.parsing import toml_of
 from mountnav.settings.certificates import require_certificate_files
 from mountnav.settings.explained import explain, syntax_fault
-from mountnav.settings.section import Section
+from mountnav.settings.section import Section, require_unique
 
 MOST_SERVICES = 100
 """Each is asked every few seconds and holds two connections. Doubled, so do these."""
@@ -186,15 +186,10 @@ class SiteFile(Section):
     @field_validator("service")
     @classmethod
     def _names_differ(cls, services: tuple[SiteServiceSettings, ...]) -> tuple[SiteServiceSettings, ...]:
-        seen: set[str] = set()
-        for one in services:
-            if one.name in seen:
-                raise PydanticCustomError(
-                    "name_twice",
-                    "two services have the name {name}",
-                    {"name": one.name, "fix": "give each [[service]] a name of its own"},
-                )
-            seen.add(one.name)
+        fix = "give each [[service]] a name of its own"
+        require_unique(
+            (one.name for one in services), "name_twice", "two services have the name {name}", fix=fix
+        )
         return services
 
     @classmethod

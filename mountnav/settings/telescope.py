@@ -16,7 +16,7 @@ from mountnav.settings.following import FollowingSettings
 from mountnav.settings.limits import LimitSettings
 from mountnav.settings.model import ModelSettings
 from mountnav.settings.night import NightSettings
-from mountnav.settings.section import Section
+from mountnav.settings.section import Section, require_unique
 from mountnav.settings.sync import SyncSettings
 
 FAKE_SCHEME = "fake+"
@@ -208,13 +208,9 @@ class TelescopeSettings(Section):
 
     @model_validator(mode="after")
     def _points_and_rotator(self) -> Self:
-        names = [point.name for point in self.point]
-        if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise PydanticCustomError(
-                "point_twice",
-                "the point {name} stands twice",
-                {"name": twice[0], "key": "point", "fix": "give each point a name of its own"},
-            )
+        fix = "give each point a name of its own"
+        names = (point.name for point in self.point)
+        require_unique(names, "point_twice", "the point {name} stands twice", fix=fix, key="point")
         if self.rotator is None:
             return self
         if any(point.east_arcsec is not None for point in self.point):

@@ -7,17 +7,22 @@ from typing import Any
 
 from drivers.generic.mount import GenericMount
 from drivers.generic.options import Timing
-from drivers.ioptron.language import ioptron_language
-from drivers.lx200.language import lx200_language
-from drivers.nexstar.language import nexstar_language
-from drivers.skywatcher.language import skywatcher_language
+from drivers.ioptron.language import BAUD, IoptronLanguage
+from drivers.lx200.codec.greeting import dialect_named
+from drivers.lx200.language import Lx200Language
+from drivers.nexstar.language import NexstarLanguage, patience_of
+from drivers.skywatcher.language import PATIENCE, SkywatcherLanguage
+from drivers.wire.exchange import Patience
 from drivers.wire.line import ByteLine
+from drivers.wire.link import link_to
 from drivers.wire.wire_log import WireLog
 from mountnav.sky.coordinates import Site
 
+Line = str | Callable[[WireLog], ByteLine]
+
 
 def lx200_mount(
-    line: str | Callable[[WireLog], ByteLine],
+    line: Line,
     *,
     name: str | None = None,
     timing: Timing | None = None,
@@ -25,11 +30,15 @@ def lx200_mount(
     set_clock: bool = False,
     set_site: bool = False,
     trust_on_connect: bool = True,
+    baud: int = 9600,
+    patience: Patience | None = None,
+    dialect: str | None = None,
     **language: Any,
 ) -> GenericMount:
-    """Make an LX200 mount; further arguments as of `lx200_language`."""
+    """Make an LX200 mount; further arguments as of `Lx200Language`."""
+    spoken = None if dialect is None else dialect_named(dialect)
     return GenericMount(
-        lx200_language(line, **language),
+        Lx200Language(link_to(line, baud=baud, patience=patience), spoken, **language),
         name=name,
         timing=timing,
         site=site,
@@ -40,36 +49,45 @@ def lx200_mount(
 
 
 def nexstar_mount(
-    line: str | Callable[[], ByteLine],
+    line: Line,
     *,
     name: str | None = None,
     timing: Timing | None = None,
     site: Site | None = None,
+    baud: int = 9600,
+    patience: Patience | None = None,
     **language: Any,
 ) -> GenericMount:
-    """Make a mount behind a hand control; further arguments as of `nexstar_language`."""
-    return GenericMount(nexstar_language(line, **language), name=name, timing=timing, site=site)
+    """Make a mount behind a hand control; further arguments as of `NexstarLanguage`."""
+    link = link_to(line, baud=baud, patience=patience or patience_of(8.0))
+    return GenericMount(NexstarLanguage(link, **language), name=name, timing=timing, site=site)
 
 
 def ioptron_mount(
-    line: str | Callable[[], ByteLine],
+    line: Line,
     *,
     name: str | None = None,
     timing: Timing | None = None,
     site: Site | None = None,
+    baud: int = BAUD,
+    patience: Patience | None = None,
     **language: Any,
 ) -> GenericMount:
-    """Make an iOptron mount; further arguments as of `ioptron_language`."""
-    return GenericMount(ioptron_language(line, **language), name=name, timing=timing, site=site)
+    """Make an iOptron mount; further arguments as of `IoptronLanguage`."""
+    link = link_to(line, baud=baud, patience=patience)
+    return GenericMount(IoptronLanguage(link, **language), name=name, timing=timing, site=site)
 
 
 def skywatcher_mount(
-    line: str | Callable[[], ByteLine],
-    site: Site | None,
+    line: Line,
+    site: Site,
     *,
     name: str | None = None,
     timing: Timing | None = None,
+    baud: int = 9600,
+    patience: Patience = PATIENCE,
     **language: Any,
 ) -> GenericMount:
-    """Make a mount on a motor controller; further arguments as of `skywatcher_language`."""
-    return GenericMount(skywatcher_language(line, site, **language), name=name, timing=timing, site=site)
+    """Make a mount on a motor controller; further arguments as of `SkywatcherLanguage`."""
+    link = link_to(line, baud=baud, patience=patience)
+    return GenericMount(SkywatcherLanguage(link, site, **language), name=name, timing=timing, site=site)

@@ -11,7 +11,7 @@ from mountnav.devices import PierSide, SlewOutcome
 from mountnav.errors import LimitKind, OutsideLimits
 from mountnav.mount import CheckedMount
 from mountnav.mount.pier_side import SIDE_PROVEN, SideUnproven
-from mountnav.pointing.limits import Limits
+from mountnav.pointing.limits import Horizon, Limits
 from mountnav.simulation.machine import Machine
 from mountnav.sky.sphere import half_turn_deg
 from tests.mount.mount_rig import AIR, SITE, Rig, run
@@ -180,3 +180,32 @@ def test_a_place_where_tracking_would_be_ended_at_once_is_refused_until_the_side
 
     behavior = MountBehavior(tells_destination=False)
     run(work, limits=LIMITS, machine=machine, behavior=behavior, mounting="german")
+
+
+@pytest.mark.parametrize(
+    ("wall", "ha_deg", "dec_deg", "refused"),
+    [
+        # its later legs would end far past the meridian if the tube hung on the other side
+        ((287.0, 297.0, 73.5), 74.0, 37.0, True),
+        # all of this way stays near the meridian, where either side is within the limits
+        ((81.874331, 120.337928, 63.641049), -15.816264, -1.19607, False),
+    ],
+    ids=["far", "near"],
+)
+def test_a_way_round_is_not_begun_if_a_later_leg_hangs_on_an_unproven_side(
+    wall: tuple[float, float, float], ha_deg: float, dec_deg: float, refused: bool
+) -> None:
+    begins, ends, top = wall
+    points = ((0.0, 15.0), (begins, 15.0), (begins + 1.0, top), (ends, top), (ends + 1.0, 15.0))
+    limits = Limits(15.0, horizon=Horizon(points), past_meridian_deg=(20.0, 20.0), rate_ratio=None)
+
+    async def work(rig: Rig) -> None:
+        place = rig.place(ha_deg, dec_deg)
+        if refused:
+            with pytest.raises(SideUnproven):
+                await rig.mount.slew(place)
+            assert rig.driver.received == []
+        else:
+            await rig.mount.would_slew(place)
+
+    run(work, limits=limits, machine=GERMAN, mounting="german", behavior=SILENT)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 import ssl
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -195,6 +196,8 @@ async def test_every_answer_has_the_headers_of_all_faces_and_strangers_are_kept_
                         assert answer.headers[name.decode()] == value.decode(), (method, path)
                 assert "frame-ancestors 'none'" in answer.headers["content-security-policy"], (method, path)
         page = await client.get("/")
+        for path in re.findall(r'(?:src|href)="(/web/[^"]+)"', page.text):
+            assert (await client.get(path)).status_code == 200, path
         assert "script-src 'self'" in page.headers["content-security-policy"]
         for method, path in (("GET", "/v1/site"), ("POST", "/v1/stop")):
             assert (await client.request(method, path)).status_code == 401

@@ -20,7 +20,7 @@ from mountnav.catalog.online.request import NotAnswered, Unusable
 from mountnav.errors import StarsUnavailable
 from mountnav.sky.coordinates import Icrs
 from tests.catalog.online import star_server as moods
-from tests.catalog.online.star_server import Mood, StarServer
+from tests.catalog.online.star_server import Answering, Mood, StarServer
 
 CENTER, RADIUS_DEG, EPOCH_YR = Icrs(100.0, 20.0), 0.3, 2026.9
 PATIENT_S = 60.0
@@ -196,9 +196,13 @@ def test_an_overflow_splits_the_tile(
         # cut at the number of rows that was asked for, without a word
         monkeypatch.setattr(fetching, "MOST_ROWS", 150)
         monkeypatch.setattr(request, "MOST_ROWS", 150)
-        server.mood = lambda answering: answering.send(
-            moods.tycho2_votable(answering.stars().only(np.arange(int(answering.query["-out.max"]))))
-        )
+
+        def cut(answering: Answering) -> None:
+            stars = answering.stars()
+            count = min(int(answering.query["-out.max"]), len(stars))
+            answering.send(moods.tycho2_votable(stars.only(np.arange(count))))
+
+        server.mood = cut
     catalog = online(server, tmp_path)
     stars = catalog.cone(CENTER, RADIUS_DEG, epoch_yr=EPOCH_YR)
     expected = embedded_catalog().cone(CENTER, RADIUS_DEG, epoch_yr=EPOCH_YR)

@@ -13,8 +13,9 @@ from drivers.fakes.bench import FakeOnPty
 from drivers.generic.mount import GenericMount
 from drivers.ioptron.codec.values import MountState
 from drivers.ioptron.fake import FAKES, MACHINE, make_fake
-from drivers.ioptron.language import ioptron_language
+from drivers.ioptron.language import IoptronLanguage
 from drivers.registry import open_mount
+from drivers.wire.link import link_to
 from mountnav.clock import utc_now
 from mountnav.devices import TRACKING_DEG_S, Direction, PierSide, Skill, SlewOutcome, TrackingRate
 from mountnav.errors import BadRequest, DeviceRefused, Refusal
@@ -268,7 +269,7 @@ async def test_clock_and_site_are_set_only_if_asked_for(dialect: str) -> None:
     fake.feed(b":SG+120#:SDS1#:SHE0#")
     fake.mechanics.set_believed_site(Site(-10.0, 100.0))
     with FakeOnPty(fake) as bench:
-        language = ioptron_language(bench.address, patience=PATIENCE)
+        language = IoptronLanguage(link_to(bench.address, patience=PATIENCE))
         mount = GenericMount(language, timing=QUICK, site=HERE, set_clock=True, set_site=True)
         await mount.open()
         assert mount.report is not None

@@ -14,15 +14,10 @@ if TYPE_CHECKING:
 
 def _open_mount(url: MountUrl, name: str | None, site: Site | None) -> GenericMount:
     from drivers.generic.options import read_options
-    from drivers.wire.line import SerialLine
-    from drivers.wire.link import Link
-    from drivers.wire.wire_log import WireLog
     from tests.drivers.toy.language import ToyLanguage
 
     options = read_options(url.options, url.driver, baud=9600, timeout_s=2.0)
-    log = WireLog()
-    line = SerialLine(url.line, baud=options.baud, log=log, control=options.control)
-    return options.mount(ToyLanguage(Link(line, options.patience, log)), name=name, site=site)
+    return options.mount(ToyLanguage(options.link(url.line)), name=name, site=site)
 
 
 async def _probe(exchange: Exchange) -> str:
