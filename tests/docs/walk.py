@@ -26,8 +26,8 @@ ROOT = Path(__file__).resolve().parents[2]
 INSTALLED = "MOUNTNAV_WALK_PYTHON"
 """The variable that names the Python of an environment into which the wheels alone were installed.
 
-CI sets it: the walks then see that environment's commands and packages, and nothing of this checkout. Without it
-they run this checkout."""
+CI sets it: the walks then see that environment's commands and packages, and nothing of this checkout.
+Without it they run this checkout."""
 _BLOCK = re.compile(
     r'^```(sh|python)(?: title="([^"]+)")?\n(.*?)^```$|^<!-- shows: ([^\n]+) -->$', re.MULTILINE | re.DOTALL
 )
