@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +14,15 @@ from hypothesis import strategies as st
 from mountnav.errors import BadRequest
 from mountnav.pointing.model.fit import fit
 from mountnav.pointing.model.mechanical import Mechanical
-from mountnav.pointing.model.rigorous import angles, direction
+from mountnav.pointing.model.rigorous import angles, direction, wrapped
 from mountnav.pointing.model.tpoint_file import read_observations_text
 from mountnav.units import DEG_PER_HOUR
 from tests.pointing.model.model_data import telescope
 
 SIDEREAL_H = 5.5
+DRIVERS_OWN = Path(__file__).parent / "data" / "indi_eqmod_alignment.xml"
+"""Written by `indi_eqmod_telescope` 1.2 (INDI 1.9.9) on our fake: four places east of the meridian, four west of
+it, each synced 0.02 h east of where the motors stood, then *Write File*."""
 
 
 def written(m: Mechanical) -> str:
@@ -57,6 +61,16 @@ def german(latitude_deg: float) -> Mechanical:
     terms = {"IH": 200.0, "ID": -300.0, "CH": 400.0, "NP": 120.0, "ME": 500.0, "MA": -350.0}
     both = telescope("equatorial", terms, n=80, both_sides=True, latitude_deg=latitude_deg)
     return both.chosen((angles(both.seen)[0] < 0.0) == both.beyond)
+
+
+def test_what_the_driver_itself_wrote_gives_the_offset_that_was_put_in() -> None:
+    there = read_observations_text(DRIVERS_OWN.read_text(), name=DRIVERS_OWN.name)
+    assert len(there) == 8
+    assert there.beyond.sum() == 4
+    seen_lon_rad, seen_lat_rad = there.seen_angles
+    synced_deg = np.degrees(wrapped(seen_lon_rad - there.read_lon_rad))
+    assert synced_deg == pytest.approx(-0.02 * DEG_PER_HOUR, abs=6.0 / 3600.0)
+    assert np.degrees(seen_lat_rad - there.read_lat_rad) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("latitude_deg", [48.93, -31.2])
