@@ -21,8 +21,8 @@ from tests.pointing.model.model_data import telescope
 
 SIDEREAL_H = 5.5
 DRIVERS_OWN = Path(__file__).parent / "data" / "indi_eqmod_alignment.xml"
-"""Written by `indi_eqmod_telescope` 1.2 (INDI 1.9.9) on our fake: four places east of the meridian, four west of
-it, each synced 0.02 h east of where the motors stood, then *Write File*."""
+"""Written by `indi_eqmod_telescope` 1.2 (INDI 1.9.9) on our fake: four places east of the meridian, four
+west, each synced 0.02 h east of where the motors stood, then *Write File*."""
 
 
 def written(m: Mechanical) -> str:
