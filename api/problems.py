@@ -300,7 +300,7 @@ def _advice(request: Request, error: RequestValidationError) -> str:
     if isinstance(error.body, bytes) and error.body and not is_json:
         # such as `curl -d` sends it: the body was not even read as JSON
         return f"send the header Content-Type: application/json (it is {kind or 'missing'})"
-    return "docs/reference/api.md and /docs describe what is expected"
+    return "/docs of the service describes what is expected"
 
 
 def _methods_here(request: Request) -> list[str]:

@@ -279,7 +279,7 @@ class KeyStore:
         """As `keys`, for people: a file that makes no sense is reported. Raises `BadSettings`."""
         keys = self.keys
         if self.problem is not None:
-            raise BadSettings(self.problem, advice="see docs/how-to/security.md")
+            raise BadSettings(self.problem, advice="see `mountnav docs security`")
         return keys
 
     def new(

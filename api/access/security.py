@@ -37,7 +37,10 @@ STOPS_GIVEN = "stops_given"
 """Under this name of a request's state stands how many stops each telescope had been given when it came."""
 THIS_MACHINE = "this machine"
 _PROXIES = ("forwarded", "x-forwarded-for", "x-real-ip", "via")
-_HOW = "send it as `Authorization: Bearer KEY` or `X-API-Key: KEY`; `mountnav key new` makes one"
+_HOW = (
+    "send it as `Authorization: Bearer KEY` or `X-API-Key: KEY`, "
+    "from `mountnav` by --token or MOUNTNAV_TOKEN; `mountnav key new` makes one"
+)
 
 
 def caller_from_headers(

@@ -166,7 +166,9 @@ class _Writer:
                 for name, size in self._found.files.items()
             ],
             "missing": self._found.missing,
-            "masked": "tokens, passwords, keys, headers and addresses of webhooks; see docs/security.md",
+            "masked": (
+                "tokens, passwords, keys, headers and addresses of webhooks; see `mountnav docs security`"
+            ),
         }
         self._put(MANIFEST, json.dumps(self._masker.value(manifest), indent=1))
         return self._found

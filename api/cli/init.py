@@ -217,7 +217,7 @@ def _settings(answers: dict[str, Any]) -> str:
     return f"""\
 # mountnav: an observatory's settings, written by mountnav init.
 # Check them:  mountnav check --connect      Serve them:  mountnav serve --config THIS_FILE
-# Every unit stands in the name. Unknown names are refused. All settings: docs/reference/configuration.md
+# Every unit stands in the name. Unknown names are refused. All settings: mountnav docs configuration
 
 [service]
 host = "127.0.0.1"              # only this machine. Anything wider needs keys: mountnav key new NAME
@@ -242,7 +242,7 @@ url = {_quoted(answers["mount"])}
 
 [telescope.camera]
 {camera}
-[telescope.limits]              # docs/explanation/limits.md has them all: set them before the first slew
+[telescope.limits]              # `mountnav docs limits` has them all: set them before the first slew
 min_altitude_deg = 15.0         # nothing is slewed to, passed or tracked below this
 sun_cone_deg = 20.0             # the tube stays at least this far from the Sun
 # past_meridian_east_deg = 10.0 # German mounts: how far past the meridian, on each side of the pier
@@ -252,7 +252,7 @@ sun_cone_deg = 20.0             # the tube stays at least this far from the Sun
 [telescope.centering]
 tolerance_arcsec = 30.0         # this near counts as centered
 
-[telescope.sync]                # docs/explanation/syncing.md
+[telescope.sync]                # `mountnav docs syncing`
 rule = "when-off-by"            # or never, first-of-night, per-target, always
 off_by_arcsec = 10.0
 """

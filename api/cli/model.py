@@ -53,7 +53,8 @@ def fit(
         str,
         typer.Argument(
             metavar="FILE|JOURNAL",
-            help="A run, observations as JSON lines, a PMFIT or TPOINT file, a journal (file or URL).",
+            help="A run, observations as JSON lines, a file of PMFIT, TPOINT or INDI's EQMod, "
+            "a journal (file or URL).",
         ),
     ],
     terms: Annotated[

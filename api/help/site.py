@@ -30,6 +30,11 @@ _LONGEST_TOPIC = 200
 _TITLE_WEIGHT = 20
 """A word in a title counts as much as so many in the text: pages named for a thing come before pages that
 speak of it. Chosen by hand; halved or doubled, the first pages of the topics in the test stay the same."""
+_RECORDS = ("figures/", "decisions/")
+"""Folders of what was measured and decided: they speak of everything, and few search for them."""
+_RECORD_WEIGHT = 0.4
+"""A page of records counts so much of another one. Chosen by hand: doubled, the list of proofs comes before
+the pages on centering for "meridian flip"."""
 _MOST_OF_ONE_WORD = 10
 """A word of the text counts at most so many times. Doubled, long pages win more topics."""
 
@@ -126,13 +131,16 @@ def find_page(topic: str) -> list[Page]:
     return [one for _, one in found]
 
 
-def _score(page: Page, words: list[str]) -> int:
+def _score(page: Page, words: list[str]) -> float:
     """How much a page has of all of the words; 0 if one is missing."""
     title, text = f"{page.name} {page.title}".lower(), page.text.lower()
     total = 0
     for word in words:
-        count = min(text.count(word), _MOST_OF_ONE_WORD) + _TITLE_WEIGHT * (word in title)
+        # from its beginning: "log" is not in "catalog"
+        begun = re.compile(rf"\b{re.escape(word)}")
+        count = min(len(begun.findall(text)), _MOST_OF_ONE_WORD)
+        count += _TITLE_WEIGHT * bool(begun.search(title))
         if count == 0:
             return 0
         total += count
-    return total
+    return total * (_RECORD_WEIGHT if page.path.startswith(_RECORDS) else 1.0)

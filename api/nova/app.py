@@ -497,7 +497,7 @@ class NovaApp:
         """For people who come with a browser."""
         return PlainTextResponse(
             "mountnav solves images here, by the web API of nova.astrometry.net: set this address as the "
-            "server's in your program. See docs/how-to/nova.md.\n"
+            "server's in your program. See `mountnav docs nova`.\n"
         )
 
     async def _solved(self, request: Request, number: int) -> tuple[Submission, Result]:

@@ -147,7 +147,7 @@ def model_observations(
     Parameters
     ----------
     given : str
-        A file (a run, JSON lines, PMFIT, TPOINT, a journal) or a journal's URL.
+        A file (a run, JSON lines, PMFIT, TPOINT, INDI's EQMod, a journal) or a journal's URL.
     since, until : datetime, optional
         Of a journal alone: looks from then on, and before then.
 

@@ -169,5 +169,5 @@ def read_table(text: str, *, made_for: Observer | None = None) -> Table:
     raise BadRequest(
         "this is not an ephemeris table that mountnav reads",
         advice="observer tables of Horizons (text or CSV), pages of the MPC's ephemeris service, "
-        "and plain CSV are: docs/explanation/moving-targets.md",
+        "and plain CSV are: `mountnav docs moving-targets`",
     )

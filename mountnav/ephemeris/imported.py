@@ -483,12 +483,12 @@ def _filled(database: sqlite3.Connection, path: Path, slug: str, progress: Calla
     if refused and refused > _MOST_WRONG * (refused + objects):
         raise BadRequest(
             f"{refused} of {refused + objects} entries of {path.name} can't be read: {'; '.join(first[:3])}",
-            advice="is it whole, and of a kind that is read? docs/explanation/moving-targets.md",
+            advice="is it whole, and of a kind that is read? `mountnav docs moving-targets` lists them",
         )
     if not objects:
         raise BadRequest(
             f"there are no elements in {path.name}",
-            advice="docs/explanation/moving-targets.md lists what can be read",
+            advice="`mountnav docs moving-targets` lists what can be read",
         )
     database.execute("CREATE INDEX by_key ON names (key)")
     about = {

@@ -135,11 +135,12 @@ def fit_pointing(
     Parameters
     ----------
     run : path or sequence of PointingObservation
-        A file of PMFIT or TPOINT, or observations as JSON lines (`.jsonl`), which need `site`.
+        A file of PMFIT, TPOINT or INDI's EQMod driver, or observations as JSON lines (`.jsonl`), which
+        need `site`.
     terms : sequence of str or "auto"
         TPOINT names; "auto" chooses by what predicts unseen targets best.
     site : Site, optional
-        Where the telescope stands; files of PMFIT and TPOINT bring their latitude.
+        Where the telescope stands; such files bring their latitude.
     kind, does_refraction, mounting
         Of the mount, for observations; see `mountnav.pointing.model.mechanical.Conversion`.
 

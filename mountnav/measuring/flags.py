@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 _CLEAR_OF_KNOTS = 5.0
 """On nebulae and galaxies a source below this flux over error is taken for a knot: without noise most knots
-rise by 1 to 6 σ (docs/explanation/artifacts.md). Doubled or halved, nothing changed on the frames that were
+rise by 1 to 6 σ (docs/figures/artifacts.md). Doubled or halved, nothing changed on the frames that were
 tried."""
 _KNOT_WIDE = 1.5
 """On nebulae and galaxies a source wider than this many typical widths is taken for a knot; off them the

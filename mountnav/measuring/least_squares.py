@@ -18,7 +18,7 @@ PARAMETERS = 7
 """Amplitude, x, y, p, q, r, local sky."""
 _STILL_PX = 5e-4
 """A star whose position moves by less than this in a step, px, has converged: a fifth of the error of the
-best stars (docs/explanation/measuring.md)."""
+best stars (docs/figures/measuring.md)."""
 _STRAGGLERS = 0.03
 """Share of stars that may still move when the iteration ends: what doesn't converge never ends it."""
 _REPACK_BELOW = 0.7

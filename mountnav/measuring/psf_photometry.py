@@ -33,7 +33,7 @@ _PSF_STAR_SIGMA = 40.0
 misfit. Halved, the median error of C00 grows from 0.039 to 0.043 px; doubled, no figure changed by 3 %."""
 _INTEGRATE_BELOW_PX = 2.2
 """Apparent FWHM below which the PSF is integrated over the pixels, px. Sampled at the pixels' centers,
-Gaussians of 1.7 px are placed wrong by 0.0001 px, Moffat ones by 0.003 (docs/explanation/measuring.md,
+Gaussians of 1.7 px are placed wrong by 0.0001 px, Moffat ones by 0.003 (docs/figures/measuring.md,
 *Largest error over all positions within a pixel*). Halved, fluxes of painted stars of 1.5 px scatter by 17 %
 more; doubled, nothing is gained, at nine times the cost of the model."""
 _SATURATED_SLACK = 0.03

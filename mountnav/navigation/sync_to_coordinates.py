@@ -186,7 +186,7 @@ class CoordinateSyncs:
             raise SyncIgnored(
                 f"it accepted the sync, and still reads {sent.miss_arcsec:.0f}″ from there",
                 device=mount.name,
-                advice="correct by offsets or by a pointing model; see docs/explanation/syncing.md",
+                advice="correct by offsets or by a pointing model; see `mountnav docs syncing`",
             )
         if sent.outcome is SyncOutcome.ELSEWHERE:
             raise went_elsewhere(sent.miss_arcsec, mount.name)

@@ -197,7 +197,7 @@ def _fix(detail: ErrorDetails, path: tuple[str | int, ...], known: Collection[st
         return (
             f"did you mean {close[0]}?"
             if close
-            else "remove it; docs/reference/configuration.md lists all settings"
+            else "remove it; `mountnav docs configuration` lists all settings"
         )
     if kind == "missing":
         return f"add {key} = ... to {_dotted(path[:-1])}" if len(path) > 1 else f"add a [{key}] table"
@@ -209,4 +209,4 @@ def _fix(detail: ErrorDetails, path: tuple[str | int, ...], known: Collection[st
         return 'write for example url = "lx200+serial:///dev/ttyUSB0?baud=9600"'
     if key == "id":
         return "use lower-case letters, digits, - and _"
-    return f"change {key}; docs/reference/configuration.md lists its range"
+    return f"change {key}; `mountnav docs configuration` lists its range"

@@ -125,7 +125,7 @@ def _over(named: T, values: Values, table: str) -> T:
             fix = (
                 f"did you mean {close[0]}?"
                 if close
-                else "remove it; docs/reference/configuration.md lists all settings"
+                else "remove it; `mountnav docs configuration` lists all settings"
             )
             raise PydanticCustomError(
                 "no_such_parameter", "there is no such parameter", {"key": (table, name), "fix": fix}
@@ -178,5 +178,5 @@ def _wrong(table: str, name: str, what: str) -> PydanticCustomError:
     return PydanticCustomError(
         "wrong_parameter",
         f"{told}",
-        {"key": (table, name), "fix": f"change {name}; docs/explanation/identification.md"},
+        {"key": (table, name), "fix": f"change {name}; `mountnav docs identification` explains it"},
     )

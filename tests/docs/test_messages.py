@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import re
 import sys
 from types import ModuleType
 
@@ -62,3 +63,21 @@ def test_the_page_s_words_are_found(messages: ModuleType) -> None:
     assert len(found) > 200
     assert "Take control …" in words
     assert any(one.path.endswith("stop.js") and "NOT CERTAIN" in one.text for one in found)
+
+
+def test_the_pages_that_messages_name_are_found_by_that_name(messages: ModuleType) -> None:
+    named = {
+        topic
+        for one in messages.messages()
+        for topic in re.findall(r"`?mountnav docs ([a-z][a-z-]{2,})`?", one.text)
+    }
+    assert len(named) > 5
+    for topic in named:
+        assert len(list((ROOT / "docs").rglob(f"{topic}.md"))) == 1, topic
+
+
+def test_no_message_names_a_file_that_only_a_checkout_has(messages: ModuleType) -> None:
+    named = [
+        f"{one.path}:{one.line}" for one in messages.messages() if re.search(r"\bdocs/[a-z/-]+\.md", one.text)
+    ]
+    assert named == []

@@ -7,9 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.walk import ROOT, Walk, blocks_of, free_port
+from tests.docs.walk import ROOT, Walk, blocks_of, copy_of_the_checkout, free_port
 
-PAGES = sorted(one for one in (ROOT / "docs" / "tutorials").glob("*.md") if one.stem != "index")
+CHANGES_CODE = "first-change"
+"""The one that begins in a checkout; all others begin in an empty folder, with what is installed."""
+PAGES = sorted(
+    page for page in (ROOT / "docs" / "tutorials").glob("*.md") if page.stem not in ("index", CHANGES_CODE)
+)
 pytestmark = pytest.mark.long
 FRAMES = 6
 """Instead of a thousand."""
@@ -36,3 +40,17 @@ def test_a_newcomer_walks_it(page: Path, tmp_path: Path, monkeypatch: pytest.Mon
                 assert re.search(wanted, shown), f"{block.text}\nshows no {wanted!r}:\n{shown}"
     finally:
         walk.close()
+
+
+def test_an_engineer_walks_it_in_a_checkout(tmp_path: Path) -> None:
+    copy_of_the_checkout(tmp_path)
+    blocks = blocks_of(ROOT / "docs" / "tutorials" / f"{CHANGES_CODE}.md")
+    for block, shown in Walk(tmp_path, {}, checkout=True).walk(blocks, None):
+        for pattern in block.shows:
+            assert re.search(pattern, shown), f"{block.text}\nshows no {pattern!r}:\n{shown}"
+
+
+def test_every_walk_stands_in_the_index() -> None:
+    index = (ROOT / "docs" / "tutorials" / "index.md").read_text(encoding="utf-8")
+    assert [page.stem for page in PAGES if f"({page.name})" not in index] == []
+    assert f"({CHANGES_CODE}.md)" in index

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -19,13 +20,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
+INSTALLED = "MOUNTNAV_WALK_PYTHON"
+"""The variable that names the Python of an environment into which the wheels alone were installed.
+
+CI sets it: the walks then see that environment's commands and packages, and nothing of this checkout.
+Without it they run this checkout."""
 _BLOCK = re.compile(
     r'^```(sh|python)(?: title="([^"]+)")?\n(.*?)^```$|^<!-- shows: ([^\n]+) -->$', re.MULTILINE | re.DOTALL
 )
 _TERMINAL = "first terminal"
 _LONGEST_S = 300.0
 """Until a walk is given up, s: a hanging block must not hang the tests. It is no limit of speed."""
+_DATA_BYTES = 1_000_000
+"""Files of the checkout above this size, bytes, are catalogs. No walk changes them: they are linked."""
 # the cells of a notebook: as IPython runs them
 _CELLS = """
 import ast, asyncio, inspect, sys
@@ -71,29 +81,46 @@ class Walk:
         Empty.
     replaced : mapping
         Texts of the page to run with others instead: a port that is free, fewer frames.
+    checkout : bool
+        The folder is a copy of this checkout, and nothing else is to be imported.
     """
 
-    def __init__(self, folder: Path, replaced: Mapping[str, str]) -> None:
+    def __init__(self, folder: Path, replaced: Mapping[str, str], *, checkout: bool = False) -> None:
         self._folder = folder
         self._replaced = dict(replaced)
-        commands = folder / "bin"
-        commands.mkdir()
-        # the commands of this checkout, whatever is installed
-        for name, what in (("mountnav", "-m api.main"), ("python3", "")):
-            (commands / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {what} "$@"\n')
-            (commands / name).chmod(0o755)
+        installed = None if checkout else os.environ.get(INSTALLED)
+        self._python = installed or sys.executable
         self._environment = {
-            **{name: value for name, value in os.environ.items() if not name.startswith("MOUNTNAV_")},
-            "PATH": f"{commands}:{os.environ['PATH']}",
-            "PYTHONPATH": str(ROOT),
+            **{
+                name: value
+                for name, value in os.environ.items()
+                if not name.startswith(("MOUNTNAV_", "PYTEST_"))
+            },
             "HOME": str(folder),
             "NO_COLOR": "1",
             "COLUMNS": "200",
         }
+        if checkout:
+            self._environment["PYTHONPATH"] = str(folder)
+        elif installed:
+            self._environment.pop("PYTHONPATH", None)
+            self._environment["PATH"] = f"{Path(installed).parent}:/usr/local/bin:/usr/bin:/bin"
+        else:
+            self._environment["PYTHONPATH"] = str(ROOT)
+            self._environment["PATH"] = f"{self._commands_of_the_checkout()}:{os.environ['PATH']}"
         for name in ("MOUNTNAV_CACHE", "MOUNTNAV_SERVICE"):
             if name in os.environ:
                 self._environment[name] = os.environ[name]
         self._terminals: list[subprocess.Popen[bytes]] = []
+
+    def _commands_of_the_checkout(self) -> Path:
+        """A folder with `mountnav` and `python3` of this checkout, whatever is installed."""
+        commands = self._folder / "bin"
+        commands.mkdir()
+        for name, what in (("mountnav", "-m api.main"), ("python3", "")):
+            (commands / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {what} "$@"\n')
+            (commands / name).chmod(0o755)
+        return commands
 
     def told(self, text: str) -> str:
         """The text of a page, with what is replaced."""
@@ -116,7 +143,7 @@ class Walk:
         if cells:
             script = self._folder / "cells.txt"
             script.write_text("\x00".join(self.told(cell.text) for cell in cells))
-            shown = self._ran([sys.executable, "-c", _CELLS, str(script)])
+            shown = self._ran([self._python, "-c", _CELLS, str(script)])
             outputs += zip(cells, re.split(r"^@@\d+\n", shown, flags=re.MULTILINE)[1:], strict=True)
         return outputs
 
@@ -165,6 +192,28 @@ class Walk:
                 os.killpg(begun.pid, signal.SIGINT)
         for begun in self._terminals:
             begun.wait(_LONGEST_S)
+
+
+def copy_of_the_checkout(folder: Path) -> None:
+    """Copy all files of this checkout that aren't ignored into a folder, and its environment as a link."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        check=False,
+    )
+    if listed.returncode:
+        pytest.skip("this is no checkout that git knows")
+    for name in filter(None, listed.stdout.decode().split("\0")):
+        source, copy = ROOT / name, folder / name
+        if not source.is_file():
+            continue
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        if source.stat().st_size > _DATA_BYTES:
+            copy.symlink_to(source)
+        else:
+            shutil.copy(source, copy)
+    (folder / ".venv").symlink_to(sys.prefix)
 
 
 def free_port() -> int:

@@ -461,6 +461,13 @@ _TPOINT = b"""label
 10 20 30 +10 10 10 10 20 31 +10 10 11 10 25 30
 END
 """
+_EQMOD = (
+    b'<aligndata>\n    <site name="a" lon="11.4" lat="47.27">\n        <point>\n'
+    b"            <index>0</index>\n"
+    b"            <synctime>5.0</synctime>\n            <celestialra>4.0</celestialra>\n"
+    b"            <celestialde>40</celestialde>\n            <telescopera>4.01</telescopera>\n"
+    b"            <telescopede>40.1</telescopede>\n        </point>\n    </site>\n</aligndata>\n"
+)
 _PMFIT = b"""label
 E
 48.1
@@ -579,7 +586,7 @@ TARGETS: dict[str, Target] = {
         _file(read_observations),
         files.observations,
     ),
-    "tpoint": Target(_text(lambda text: read_observations_text(text)), lambda: [_TPOINT, _PMFIT]),
+    "tpoint": Target(_text(lambda text: read_observations_text(text)), lambda: [_TPOINT, _PMFIT, _EQMOD]),
     "model": Target(_text(lambda text: PointingModel.from_json(text)), lambda: [files.model()]),
     "run": Target(_file(read_run), lambda: [b'# plan {"points": [], "fresh": [], "telescope": "a"}\n']),
     "horizon": Target(_file(Horizon.read), lambda: [b"# az alt\n0 10\n90 20\n180 15\n"]),

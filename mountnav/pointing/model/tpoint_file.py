@@ -25,6 +25,7 @@ from datetime import datetime
 import numpy as np
 
 from mountnav.errors import BadRequest
+from mountnav.pointing.model.eqmod_file import is_eqmod_alignment, read_eqmod_alignment
 from mountnav.pointing.model.mechanical import Mechanical
 from mountnav.pointing.model.model import PointingModel
 from mountnav.pointing.model.rigorous import direction, wrapped
@@ -57,7 +58,7 @@ def _observations(kind: Kind, latitude_deg: float, rows: Array) -> Mechanical:
 
 
 def read_observations_text(text: str, *, name: str = "file") -> Mechanical:
-    """Read a PMFIT or TPOINT file of observations, whichever it is.
+    """Read a file of observations: of PMFIT, of TPOINT, or of INDI's EQMod driver, whichever it is.
 
     Parameters
     ----------
@@ -68,16 +69,19 @@ def read_observations_text(text: str, *, name: str = "file") -> Mechanical:
     Raises
     ------
     BadRequest
-        It is neither; with the line.
+        It is none of them; with the line.
     """
+    if is_eqmod_alignment(text):
+        return read_eqmod_alignment(text, name=name)
     lines = text.splitlines()
     if len(lines) > 1 and lines[1].strip() in ("E", "A"):
         return _pmfit(lines, name)
     if any(line.strip().startswith(":") for line in lines[1:]):
         return _tpoint(lines, name)
     raise BadRequest(
-        f"{name} is not a file of PMFIT or TPOINT",
-        advice="the second line is E or A (PMFIT), or an option such as :EQUAT (TPOINT)",
+        f"{name} is not a file of PMFIT, TPOINT or INDI's EQMod driver",
+        advice="the second line is E or A (PMFIT), or an option such as :EQUAT (TPOINT); "
+        "EQMod's begins with <aligndata>",
     )
 
 

@@ -24,6 +24,19 @@ def test_a_word_in_a_title_counts_more_than_many_in_a_text(built: Path) -> None:
     assert {one.name for one in find_page("limits of night")} == {"how-to/night"}
 
 
+def test_a_word_counts_from_its_beginning(built: Path) -> None:
+    with pytest.raises(NotFound):
+        find_page("ights")
+
+
+def test_pages_of_figures_come_after_others(built: Path) -> None:
+    index = built / "search/search_index.json"
+    docs = json.loads(index.read_text())["docs"]
+    docs.append({"location": "figures/nights.html", "title": "Nights in figures", "text": "rules " * 9})
+    index.write_text(json.dumps({"docs": docs}))
+    assert [one.name for one in find_page("nights rules")] == ["how-to/night", "figures/nights"]
+
+
 def test_markup_is_no_text(built: Path) -> None:
     (night,) = (one for one in pages() if one.name == "how-to/night")
     assert night.title == "Nights: science frames in"

@@ -38,7 +38,7 @@ def _to(limit_g: int, stars: int, sigma_arcsec: float) -> Edition:
         download_gb=stars * _FETCHED_BYTES_PER_STAR / 1e9,
         obtained=(
             "the Gaia archive (gea.esac.esa.int/archive, table gaiadr3.gaia_source) in parts, as FITS or "
-            "Parquet, or CDS I/355; the columns: docs/how-to/catalog-doctor.md"
+            "Parquet, or CDS I/355; the columns: `mountnav docs catalog-doctor`"
         ),
     )
 
