@@ -20,7 +20,6 @@ import math
 import pickle
 import socket
 import struct
-import sys
 import types
 import typing
 from dataclasses import dataclass, field
@@ -52,7 +51,10 @@ _MOST_TEXT = 20_000
 """Characters of an error's text or of a note that are carried over; a traceback has a few thousand."""
 
 _LENGTH = struct.Struct("<I")
-_ALIAS: tuple[type[Any], ...] = (typing.TypeAliasType,) if sys.version_info >= (3, 12) else ()
+_ALIAS: tuple[type[Any], ...] = tuple(
+    one for one in (getattr(typing, "TypeAliasType", None),) if one is not None
+)
+"""Aliases of types; Python 3.11 has none."""
 _ERRORS: dict[str, type[errors.MountnavError]] = {
     name: one
     for name, one in vars(errors).items()

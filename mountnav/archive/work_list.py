@@ -41,9 +41,9 @@ class Entry:
     @property
     def hdu(self) -> int | str | None:
         """The extension as readers take it."""
-        return (
-            int(self.extension) if self.extension is not None and self.extension.isdecimal() else self.extension
-        )
+        if self.extension is not None and self.extension.isdecimal():
+            return int(self.extension)
+        return self.extension
 
 
 @dataclass(frozen=True, slots=True)

@@ -276,6 +276,11 @@ class Imports:
                 database.close()
             self._open, self._seen = {}, None
 
+    def __del__(self) -> None:
+        # one that another took the place of: whoever still holds it may ask it to the end
+        for database in self._open.values():
+            database.close()
+
 
 def _told(one: Entry) -> str:
     if isinstance(one.elements, SatelliteElements):

@@ -6,6 +6,7 @@ import asyncio
 import sqlite3
 import stat
 import threading
+from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -136,11 +137,11 @@ def test_what_is_no_whole_backup_changes_nothing(file: Path, tmp_path: Path) -> 
     with pytest.raises(JournalDamaged):
         restore(cut, file, NOW)
     other = tmp_path / "other.sqlite"
-    with sqlite3.connect(other) as connection:
+    with closing(sqlite3.connect(other)) as connection, connection:
         connection.execute("CREATE TABLE planets (name TEXT)")
     with pytest.raises(BadSettings, match="not a journal of mountnav"):
         restore(other, file, NOW)
-    with sqlite3.connect(backup) as connection:
+    with closing(sqlite3.connect(backup)) as connection, connection:
         connection.execute("UPDATE alembic_version SET version_num = '9999'")
     with pytest.raises(BadSettings, match="newer mountnav"):
         restore(backup, file, NOW)
@@ -153,7 +154,7 @@ def test_a_backup_of_an_older_version_is_brought_up_to_date_at_the_next_start(
     file: Path, tmp_path: Path
 ) -> None:
     old = tmp_path / "old.sqlite"
-    with sqlite3.connect(old) as connection:
+    with closing(sqlite3.connect(old)) as connection, connection:
         connection.executescript(VERSION_1.read_text())
     assert restore(old, file, NOW) is None
     open_journal(file).close()

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -312,7 +313,7 @@ def test_places_that_cannot_be_opened(tmp_path: Path) -> None:
     with pytest.raises(NotFound, match="no journal"):
         JournalReader(tmp_path / "none.sqlite").lines()
     foreign = tmp_path / "foreign.sqlite"
-    with sqlite3.connect(foreign) as connection:
+    with closing(sqlite3.connect(foreign)) as connection, connection:
         connection.execute("CREATE TABLE look (x)")
     connection.close()
     with pytest.raises(BadSettings, match="not mountnav's"):

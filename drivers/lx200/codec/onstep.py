@@ -221,7 +221,7 @@ def _with_reason(buffer: bytes, final: bool) -> Read[Answer] | None:
         if final and buffer[1:] in (b"", b"0"):
             return Read(Answer() if done.value else Answer("0"), len(buffer))
         return None
-    if len(why.value) != 2 or not why.value.isdecimal():
+    if len(why.value) != 2 or not why.value.isdigit():
         raise Unreadable(f"{buffer!r} is not an answer and its reason")
     answer = Answer()
     if not done.value:

@@ -147,7 +147,7 @@ class _Gemini:
 
     def _take(self, number: int, value: bytes) -> None:
         # the INDI driver sends the rate as a value of 130, the document as its own number
-        chosen = int(value) if number == 130 and value.isdecimal() else number
+        chosen = int(value) if number == 130 and value.isdigit() else number
         if chosen in _RATES:
             self._fake.mechanics.rate = _RATES[chosen]
         elif number in self._settings:

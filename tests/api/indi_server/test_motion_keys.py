@@ -14,6 +14,7 @@ from api.indi_server.server import IndiServer
 from api.service import Service
 from drivers.indi.codec import messages
 from drivers.indi.codec.messages import State
+from mountnav.mount import RatesInForce
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from mountnav.sky.sphere import separation_arcsec
 from tests.api.indi_server.face_rig import (
@@ -159,10 +160,11 @@ async def test_custom_rates_are_put_off_while_the_client_answers(tmp_path: Path)
         await mount.slew(up_now(-20.0, 30.0))
         async with raw_client(server, device="") as raw:
             await set_rates(raw, service)
-            force = first = mount.offset_rates_in_force
+            first = mount.offset_rates_in_force
             assert first is not None
+            force: RatesInForce | None = first
             answered = 0
-            while force.ends_utc < first.ends_utc + timedelta(seconds=4.0):
+            while force is not None and force.ends_utc < first.ends_utc + timedelta(seconds=4.0):
                 answered = await answer(raw, answered)
                 await asyncio.sleep(0.1)
                 force = mount.offset_rates_in_force
