@@ -367,8 +367,13 @@ def _container(rng: Random) -> tuple[str, bytes]:
         kind = str(rng.choice(["RICE_1", "GZIP_1", "GZIP_2"]))
         packed = fits.CompImageHDU(pixels.astype(np.int16), compression_type=kind)
         fits.HDUList([fits.PrimaryHDU(), packed]).writeto(file)
-        return "a.fits.fz", file.getvalue()
-    return "a.fits.gz", gzip.compress(_as_fits(pixels, **_hints(rng)), 1)
+        # each packed tile says when it was packed: a seed draws the same file at any time
+        return "a.fits.fz", _GZIP_TIME.sub(rb"\1\0\0\0\0", file.getvalue())
+    return "a.fits.gz", gzip.compress(_as_fits(pixels, **_hints(rng)), 1, mtime=0)
+
+
+_GZIP_TIME = re.compile(rb"(\x1f\x8b\x08\x00)....", re.DOTALL)
+"""Head of gzip without a file's name, and the time behind it."""
 
 
 def _xisf(rng: Random, pixels: NDArray[np.uint16], lie: str = "") -> bytes:
@@ -406,13 +411,13 @@ def _bomb(rng: Random) -> tuple[str, bytes]:
     head = fits.Header([("SIMPLE", True), ("BITPIX", 16), ("NAXIS", 2), ("NAXIS1", side), ("NAXIS2", side)])
     start = head.tostring().encode()
     if way == 0:
-        return "bomb.fits.gz", gzip.compress(start + bytes(30_000_000), 1)
+        return "bomb.fits.gz", gzip.compress(start + bytes(30_000_000), 1, mtime=0)
     if way == 1:
         return "bomb.fits.bz2", bz2.compress(start + bytes(60_000_000), 1)
     if way == 2:
         return "bomb.fits.xz", lzma.compress(start + bytes(20_000_000), preset=0)
     if way == 3:
-        return "bomb.gz", gzip.compress(gzip.compress(bytes(40_000_000), 1), 1)
+        return "bomb.gz", gzip.compress(gzip.compress(bytes(40_000_000), 1, mtime=0), 1, mtime=0)
     if way == 4:
         return "bomb.png", _png(side, side, bytes(20_000_000))
     if way == 5:

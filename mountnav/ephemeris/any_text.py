@@ -12,7 +12,7 @@ from mountnav.ephemeris.csv_table import looks_like_csv, read_csv_table
 from mountnav.ephemeris.elements import OrbitElements
 from mountnav.ephemeris.ephemeris import Ephemeris
 from mountnav.ephemeris.horizons import looks_like_horizons, read_horizons
-from mountnav.ephemeris.mpc import SHORTEST_ORBIT_LINE, read_mpc_json, read_mpc_lines
+from mountnav.ephemeris.mpc import SHORTEST_COMET_LINE, read_mpc_json, read_mpc_lines
 from mountnav.ephemeris.mpes import looks_like_mpes, read_mpes
 from mountnav.ephemeris.omm import looks_like_omm, read_omm
 from mountnav.ephemeris.satellite import EarthSatellite, SatelliteElements
@@ -104,7 +104,7 @@ def read_elements(text: str) -> tuple[OrbitElements, ...]:
         except json.JSONDecodeError as wrong:
             raise BadRequest(f"the JSON is broken at line {wrong.lineno}: {wrong.msg}") from wrong
         return tuple(_of_json(found))
-    if text.strip() and max(len(line.rstrip()) for line in text.splitlines()) < SHORTEST_ORBIT_LINE:
+    if text.strip() and max(len(line.rstrip()) for line in text.splitlines()) < SHORTEST_COMET_LINE:
         raise BadRequest(
             f"it is in none of the forms that are read: {text.strip()[:40]!r} ...", advice=_FORMS
         )

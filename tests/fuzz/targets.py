@@ -215,8 +215,8 @@ _CODECS = {
         "codec.astro_physics",
         "codec.dialect",
     ),
-    "nexstar": ("codec.base", "codec.passthrough", "codec.handsets"),
-    "ioptron": ("codec.v3", "codec.v2", "codec.greeting", "codec.command_set"),
+    "nexstar": ("codec.base", "codec.passthrough", "codec.dialect"),
+    "ioptron": ("codec.v3", "codec.v2", "codec.greeting", "codec.dialect"),
     "skywatcher": ("codec",),
 }
 

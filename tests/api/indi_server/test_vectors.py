@@ -96,7 +96,7 @@ def test_what_is_heard_does_not_depend_on_the_cuts(cuts: list[int]) -> None:
     )
     whole = Hearing().feed(wire)
     assert [type(one) for one in whole] == [Asked, Asked, Ordered, Ordered, Nonsense]
-    assert whole[1] == Asked("east", "PARK")
+    assert whole[1] == Asked("east", "PARK", by_a_server=True)
     pieces, at, hearing = [], 0, Hearing()
     for cut in [*cuts, len(wire)]:
         pieces += hearing.feed(wire[at : at + cut])

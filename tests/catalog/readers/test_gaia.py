@@ -506,7 +506,8 @@ def test_saved_answers_of_failed_queries_are_refused(tmp_path: Path) -> None:
         read(path)
     for none in ("²", "1" * 5000):  # digits to some, no number to `int`
         path.write_text(text.replace("<TABLE", f'<TABLE nrows="{none}"', 1).replace(' nrows="50"', ""))
-        assert read(path)[1].mag.size == 50
+        with pytest.raises(BadCatalog, match="expected a VOTable that can be read"):
+            read(path)
 
 
 def test_without_errors_typical_ones_stand_in(tmp_path: Path) -> None:
