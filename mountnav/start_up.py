@@ -35,11 +35,13 @@ more; halved, a frame of 9 Mpx has its arrays cleared anew each time."""
 UNUSED: Final = (
     *("numpy.f2py", "numpy.testing", "numpy.polynomial", "numpy.ctypeslib"),
     *("scipy._lib.array_api_compat.numpy", "scipy._lib.array_api_extra", "pydoc"),
+    # where scipy has them from 1.18 on
+    *("scipy._external.array_api_compat.numpy", "scipy._external.array_api_extra"),
 )
 """Most solves call none of them. If something does, it is imported then."""
 
 HELD_BY: Final = {
-    "scipy.linalg": (),
+    "scipy.linalg": ("_misc",),
     "scipy.ndimage": ("_filters", "_measurements", "_morphology", "_interpolation"),
     "scipy.sparse": (),
     "scipy.spatial": ("_ckdtree", "_kdtree"),
