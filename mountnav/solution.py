@@ -344,3 +344,11 @@ class Verdict:
     def moved(self) -> bool:
         """Whether the plate was moved from where its sources were found to the middle of their light."""
         return MOVED_KEY in self.numbers
+
+    @property
+    def apart_px(self) -> float:
+        """How far apart a tube that moved in the exposure has put each star's light; 0 where it rested.
+
+        The plate was moved by a half of that, from one end to the middle.
+        """
+        return 2.0 * self.numbers.get(MOVED_KEY, 0.0)

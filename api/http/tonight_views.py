@@ -53,8 +53,6 @@ _MARKED = frozenset(
 _TROUBLES = frozenset({EntryKind.FAULT, EntryKind.REFUSAL})
 _WELL = frozenset({Outcome.DONE, Outcome.LATE})
 """Ends of commands that need nobody's eye."""
-_DAY_S = 86_400.0
-"""Seconds of a day."""
 
 
 class SkyAtView(BaseModel):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 
 from api.events import Event
 from api.indi_server.connection import Connection
@@ -17,8 +16,6 @@ from api.service import Service
 from mountnav.clock import utc_now
 from mountnav.settings.faces import IndiServerSettings
 from mountnav.tasks import begun
-
-_log = logging.getLogger(__name__)
 
 _WORDS = {
     "mount-link-lost": "[ERROR] the link to the mount was lost: {why}",

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 import socket
 from collections.abc import Callable
 from typing import Any
@@ -25,8 +24,6 @@ from api.service import Service
 from mountnav.errors import BadSettings
 
 __all__ = ["NovaServer"]
-
-_log = logging.getLogger(__name__)
 
 _GOODBYE_S = 2.0
 """How long answers that are being sent may take when the service goes down, s; chosen by hand."""

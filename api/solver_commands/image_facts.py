@@ -20,7 +20,6 @@ _PACKED = (b"\x1f\x8b", b"BZh")
 """How files begin that gzip and bzip2 have packed: what is inside is FITS, nobody packs pictures."""
 _MOST_PLANES = 4
 """Planes of a color picture; an axis of so few pixels is one of colors."""
-_PLAIN = {"″": '"', "′": "'", "°": " deg", "×": "x", "–": "-", "−": "-", "±": "+-", "…": "..."}
 _SIP_TERM = re.compile(r"([AB])P?_\d+_(\d+)$")
 
 

@@ -22,7 +22,6 @@ ASIDE_SHOWN = 100
 """Frames that were set aside, one by one."""
 SLOWEST_SHOWN = 20
 """Frames that the report names as those that took longest; more would not be read."""
-_STAGES = ("read", "measure", "identify", "total")
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;

@@ -54,9 +54,6 @@ MOST_AGE_DAYS = 60.0
 SGP4's best, and satellites maneuver. Doubled, a geostationary one that was moved is looked for where it
 was."""
 
-_MOST_PERIOD_MIN = 225.0
-"""SGP4's own border between near and deep space, minutes."""
-
 
 @dataclass(frozen=True, slots=True)
 class SatelliteElements:

@@ -86,7 +86,10 @@ def shows_rest(found: Look, tolerance_arcsec: float, exposure_s: float) -> bool:
 
 
 def _trail_arcsec(found: Look) -> float | None:
-    """How long the typical star is drawn out at most, by its two widths; None if that isn't known."""
+    """How far the sky moved in the frame at most, by the typical star's two widths; None if that isn't known.
+
+    A tube that jumped in the exposure leaves two round images of each star: their distance counts too.
+    """
     quality = found.verdict.quality
     if quality is None or quality.images in (StarImages.DEFOCUSED, StarImages.NONE):
         return None
@@ -95,7 +98,7 @@ def _trail_arcsec(found: Look) -> float | None:
     axes_ratio = max(1.0 - quality.ellipticity, 0.01)
     # a trail of length L adds L² / 12 to the variance along it
     trail_px = quality.fwhm_px * _SIGMA_OF_FWHM * math.sqrt(12.0 * (1.0 / axes_ratio - axes_ratio))
-    return trail_px * found.solution.scale_arcsec_px
+    return max(trail_px, found.verdict.apart_px) * found.solution.scale_arcsec_px
 
 
 def agreeing_looks(found: Look, exposure_s: float, *, moved: bool) -> int:

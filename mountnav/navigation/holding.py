@@ -90,8 +90,6 @@ _RATES_LAST = 3.0
 """Rates are ordered for so many intervals ahead: if no look comes they end by themselves."""
 _RATES_LEAST_S = 30.0
 """And for no less, s."""
-_LEAST_RATE_ARCSEC_S = 2e-4
-"""A change of rates below this, 0.7″ an hour, is not sent."""
 
 HoldBy = Literal["pulses", "rates", "both"]
 HoldLooks = Literal["camera", "frames"]

@@ -210,6 +210,11 @@ def frame_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Vetoe
         vetoes[SyncDoubt.MOVED] = (
             f"the mount moved {wandered:.0f}″ while the frame was exposed (allowed {allowed:.0f}″)"
         )
+    elif not (apart := found.verdict.apart_px * found.solution.scale_arcsec_px) <= allowed:
+        # the solution is the middle: the tube stands at either end now
+        vetoes[SyncDoubt.MOVED] = (
+            f"the sky moved {apart:.0f}″ in the frame while it was exposed (allowed {allowed:.0f}″)"
+        )
     elif before.pier_side and after.pier_side and before.pier_side is not after.pier_side:
         vetoes[SyncDoubt.MOVED] = f"the mount changed sides ({before.pier_side} → {after.pier_side})"
     moved = context.last_moved_utc

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -151,8 +150,6 @@ def _track(points: list[DriftPoint]) -> Track:
         anchor_sigma_arcsec=np.zeros(len(points)),
     )
 
-
-_log = logging.getLogger(__name__)
 
 READINGS_MISSED = 3
 """So many readings in a row that fail, and the mount counts as lost. Chosen by hand. Doubled, a lost mount is

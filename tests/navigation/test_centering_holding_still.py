@@ -8,9 +8,14 @@ from datetime import datetime, timedelta
 
 import pytest
 
+from mountnav.devices import MountReading
 from mountnav.errors import SyncRefused, TargetNotReached
-from mountnav.sky.coordinates import Icrs
+from mountnav.measuring.measurements import SkyQuality, StarImages
+from mountnav.navigation.centering import agree, shows_rest
+from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec
+from mountnav.solution import MOVED_KEY
+from tests.navigation.sync_rig import look_of, solution_at
 from tests.navigation.virtual_rig import ERRORS, POLICY, START, VirtualRig, in_virtual_time
 
 
@@ -56,3 +61,19 @@ def test_a_tube_that_swings_in_the_wind_is_told_and_centered_when_it_is_calm(swi
         assert worst_arcsec(rig, target) <= POLICY.tolerance_arcsec + 5.0
 
     in_virtual_time(work)
+
+
+def test_two_round_images_of_each_star_show_no_rest() -> None:
+    """A tube that jumped while it was exposed: each image is round, and the solution lies between them."""
+    place, now = Icrs(10.0, 20.0), START
+    reading = MountReading(Apparent(10.0, 20.0, now), now)
+    found = look_of(place, reading, reading, now, solution_at(place, 0.0), "look")
+    quality = SkyQuality(50, StarImages.WELL_SAMPLED, 3.0, 0.0, None, 100.0, 5.0, 0.0, 100.0, 0.0)
+    verdict = replace(found.verdict, quality=quality)
+    still = replace(found, verdict=verdict, exposure_s=10.0)
+    assert shows_rest(still, 20.0, 10.0)
+    apart = {MOVED_KEY: 12.0 / still.solution.scale_arcsec_px}
+    jumped = replace(still, verdict=replace(verdict, numbers=apart))
+    assert not shows_rest(jumped, 20.0, 10.0)
+    assert agree(still, still, 20.0)
+    assert not agree(still, jumped, 20.0)

@@ -33,6 +33,7 @@ from mountnav.settings.sync import SyncSettings
 from mountnav.sky.chain import hour_angle_to_icrs
 from mountnav.sky.coordinates import Air, HourAngle, Icrs, Site
 from mountnav.sky.sphere import Offset, displaced
+from mountnav.solution import MOVED_KEY
 from tests.navigation.sync_rig import look_of, solution_at
 
 SITE = Site(48.93, 22.27, 700.0)
@@ -64,6 +65,13 @@ def look(
     return look_of(seen, first, last, middle, solution_at(seen, 12.0, **solved), "look")
 
 
+def drawn_out(arcsec: float) -> Look:
+    """A look in whose frame the sky moved so far."""
+    found = look()
+    numbers = {MOVED_KEY: arcsec / 2.0 / found.solution.scale_arcsec_px}
+    return replace(found, verdict=replace(found.verdict, numbers=numbers))
+
+
 def context(**given: Any) -> SyncContext:
     facts: dict[str, Any] = {"now": NOW, "site": SITE, "air": AIR, "resolution_arcsec": 1.0} | given
     return SyncContext(**facts)
@@ -78,6 +86,8 @@ EAST, WEST = {"pier_side": PierSide.EAST}, {"pier_side": PierSide.WEST}
         (look(), {}, set()),
         (look(wandered=30.5), {}, set()),
         (look(wandered=32.0), {}, {SyncDoubt.MOVED}),
+        (drawn_out(30.5), {}, set()),
+        (drawn_out(31.5), {}, {SyncDoubt.MOVED}),
         (look(before={"slewing": True}), {}, {SyncDoubt.MOVED}),
         (look(after={"slewing": True}), {}, {SyncDoubt.MOVED}),
         (look(before=EAST, after=WEST), {}, {SyncDoubt.MOVED}),
