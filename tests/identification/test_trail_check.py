@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.trailed import RIGHT_PX, Path2, _upon_stars, still, trial, ways
 from mountnav.catalog.embedded import embedded_catalog
-from mountnav.measuring.star_trail import _pull, brighter_image, star_trail
+from mountnav.measuring.star_trail import _moment, brighter_image, star_trail
 from mountnav.solution import Reason
 from mountnav.solving.settings import SolveSettings
 from mountnav.solving.solve import solve
@@ -196,8 +196,8 @@ def test_the_moment_of_faint_light_tells_a_side_and_neither_a_halo_nor_the_skys_
     noise = rng.normal(0.0, 0.002, x.shape)
     moments = []
     for light in (aside, around, slope, aside + around + slope):
-        moment, error = _pull(light + noise, faint, rim, offset, 0.002)
-        moments.append(moment / error)
+        (across, up), error = _moment(light + noise, faint, rim, offset, 0.002)
+        moments.append(math.hypot(across, up) / error)
     assert moments[0] > 10.0
     assert moments[1] < 3.0
     assert moments[2] < 3.0

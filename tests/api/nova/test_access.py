@@ -47,7 +47,8 @@ async def _rest_refuses(nova: Standing, secret: str) -> None:
     headers = {"X-API-Key": secret}
     for line, role in ROLES.items():
         method, _, template = line.partition(" ")
-        if role is None or line == "POST /v1/solve" or line == "GET /v1/virtual":
+        # the routes of a virtual observatory are there on one alone
+        if role is None or line == "POST /v1/solve" or " /v1/virtual" in line:
             continue
         path = re.sub(r"\{telescope_id\}", "east", template)
         path = re.sub(r"\{[a-z_]+\}", "nothing", path)
