@@ -343,7 +343,9 @@ def _moment(
     return moment, noise * math.sqrt(inner2 + inner2**2 / square)
 
 
-def _moment_scatter(cutouts: NDArray[np.float32], faint: Mask, rim: Mask, offset: Array, noise: float) -> float:
+def _moment_scatter(
+    cutouts: NDArray[np.float32], faint: Mask, rim: Mask, offset: Array, noise: float
+) -> float:
     """Error of that moment, per coordinate, as halves of the stars differ in it.
 
     Pixels of a JPEG or of an even color mosaic have a noise in common, and neighbors are no noise at all.
