@@ -39,6 +39,8 @@ int main(int count, char **given)
     ExternalProgramPaths paths = StellarSolver::getDefaultExternalPaths(LINUX_DEFAULT);
     paths.solverPath = folder + "/solve-field";
     paths.wcsPath = folder + "/wcsinfo";
+    // it removes its configuration when it has solved, and by default that is the system's
+    paths.confPath = QFileInfo(QString::fromUtf8(given[1])).absolutePath() + "/astrometry.cfg";
     paths.astapBinaryPath = folder + "/astap";
     paths.watneyBinaryPath = folder + "/watney-solve";
     solver.setExternalFilePaths(paths);
