@@ -281,7 +281,9 @@ def test_going_there_instead_and_coming_to_rest(visit: Visit, night: Served) -> 
     expect_text(page, "#state-word", "At rest")
     expect_text(page, "#state-detail", "at rest since")
     # the state may show it before the order has ended, and until then the next one is refused as busy
-    expect_text(page, "#order-told", "Track off: done")
+    expect_text(page, "#order-told", "Track off: taken")
+    off = page.evaluate("document.querySelector('#job-body').dataset.job")
+    assert httpx.get(f"{night.url}/v1/jobs/{off}?wait=30", timeout=60).json()["state"] == "succeeded"
     page.get_by_role("button", name="Track on", exact=True).click()
     expect_text(page, "#state-word", "Tracking")
     # a nudge goes so far on the sky, and no farther
