@@ -55,6 +55,7 @@ from mountnav.sky.sphere import separation_arcsec
 SITE, AIR = Site(48.93, 22.27, 700.0), Air(930.0, 5.0, 0.7)
 BEGIN = datetime(2026, 12, 1, 12, 0, tzinfo=UTC)
 SPEED = 60.0
+"""Virtual seconds a second: the most that `[demo] speed` takes."""
 TELESCOPES = ("east", "west")
 LOOKS_KEPT_DAYS, KEPT_DAYS, AUDIT_KEPT_DAYS = 8.0, 14.0, 20.0
 """Short, so that what is removed is removed within the nights that are run."""

@@ -77,7 +77,7 @@ SLACK = 0.01
 the whole field, and people round. chosen by hand; doubled, nothing that is found becomes wrong."""
 _FILM_WIDTH_MM = 36.0
 """Width of a frame of 35-mm film."""
-_LEADING_NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_LEADING_NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 Unit = Literal["degrees", "arcminutes", "arcsec", "film"]
 _UNITS: dict[str, Unit] = {
     "degwidth": "degrees", "degw": "degrees", "dw": "degrees",

@@ -30,7 +30,8 @@ _SIGMA_ARCSEC = 2.0
 """One-sigma error of a point: six digits round two right ascensions to 1.5″ each."""
 _MOST_XML_DEPTH = 8
 """Deepest nesting that is read: the driver writes four levels."""
-_NUMBER = re.compile(r"\s*[+-]?(?:\d{1,20}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][+-]?\d{1,3})?\s*")
+_NUMBER = re.compile(r"\s*[+-]?(?:\d{1,20}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][+-]?\d{1,3})?\s*", re.ASCII)
+"""Of ASCII alone: other control characters are white space to a pattern, and none to `float`."""
 _ROOT = re.compile(r"\s*(?:<\?xml[^>]{0,200}\?>\s*)?<aligndata\b")
 
 
