@@ -44,6 +44,12 @@ camera = {{ kind = "simulated", width_px = 640, height_px = 480, scale_arcsec_px
 night = {{ enabled = true }}
 """
 
+RULES = """
+[checks.negative_data_rejection]
+# schemathesis' own list, and 413: a text far longer than its `maxLength` makes a body that isn't read at all
+expected-statuses = [400, 401, 403, 404, 405, 406, 409, 413, 415, 422, 428, 429, "5xx"]
+"""
+
 
 @contextmanager
 def serving(folder: Path) -> Iterator[Served]:
@@ -68,8 +74,11 @@ def serving(folder: Path) -> Iterator[Served]:
 
 def fuzz(port: int, folder: Path, options: Sequence[str]) -> subprocess.CompletedProcess[str]:
     """Run schemathesis; its report is the standard output, its exit code 0 only if nothing was found."""
+    rules = folder / "schemathesis.toml"
+    rules.write_text(RULES)
     command = [
-        *(str(Path(sys.executable).parent / "schemathesis"), "run", f"http://127.0.0.1:{port}/openapi.json"),
+        *(str(Path(sys.executable).parent / "schemathesis"), "--config-file", str(rules)),
+        *("run", f"http://127.0.0.1:{port}/openapi.json"),
         *("--header", f"X-API-Key:{TOKEN}", "--phases", "examples,coverage,fuzzing"),
         *("--exclude-path-regex", STREAMS, "--exclude-checks", "positive_data_acceptance,ignored_auth"),
         *("--continue-on-failure", "--no-shrink", "--request-timeout", "60", "--output-truncate", "false"),
