@@ -22,7 +22,7 @@ _END_OTHERS = (
 
 
 def _steal(thief: Connection, telescope: str) -> None:
-    """End all other connections until this one has the telescope: the journal takes it back within a second."""
+    """End other connections until this one has the telescope: the journal takes it back in a second."""
     while True:
         with thief.begin():
             thief.execute(text(_END_OTHERS))
