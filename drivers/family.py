@@ -239,6 +239,7 @@ class Family:
     dialect_names : callable () -> collection of str
         What ``?dialect=`` may say, where people write that for the driver's name.
     probe : Probe, optional
+        None: its mounts can't be found by asking.
     fakes : callable () -> Fakes, optional
         Imports the fakes when it is called.
     """

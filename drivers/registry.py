@@ -315,6 +315,7 @@ def make_fake(
     mechanics : Mechanics
         What moves behind it.
     faults : iterable of Fault
+        What goes wrong on its line.
     clock, monotonic : callable
         Its own clock (aware UTC), and the seconds of its timers.
 

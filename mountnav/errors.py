@@ -213,6 +213,7 @@ class OutsideLimits(SkyError):
     what, device, advice
         As of every error.
     limit : LimitKind
+        The limit that would be violated.
     """
 
     slug = "outside-limits"
@@ -317,6 +318,7 @@ class TargetNotReached(SkyError):
     what, device, advice
         As of every error.
     reason : NotReached
+        Why, for programs.
     """
 
     slug = "target-not-reached"

@@ -49,14 +49,6 @@ much memory."""
 def open_plain(path: Path) -> FileIO:
     """Open a plain file for reading, unbuffered, without waiting.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    FileIO
-
     Raises
     ------
     OSError
@@ -110,13 +102,8 @@ def read_bytes(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> bytes:
 
     Parameters
     ----------
-    path : Path
     most_bytes : int
         A longer one is refused before it is read.
-
-    Returns
-    -------
-    bytes
 
     Raises
     ------
@@ -166,7 +153,6 @@ def replace_bytes(path: Path, content: bytes | bytearray | memoryview) -> None:
     path : Path
         A link is followed. A file that is there keeps its mode, and its owner where that may be; a new one
         has the mode that the umask leaves.
-    content : bytes
 
     Raises
     ------

@@ -50,6 +50,7 @@ class Frame:
     mid_exposure_utc : datetime or None
         Aware UTC instant of mid-exposure.
     exposure_s : float or None
+        Exposure time; None: the header doesn't say.
     saturation_adu : float or None
         Level from which a pixel counts as saturated; None: to be guessed from the data.
     hint : Hint

@@ -36,13 +36,10 @@ _LONG_NUMBER = re.compile(r"[0-9_]{4000}")
 def toml_of(text: str) -> dict[str, Any]:
     """Parse TOML.
 
-    Parameters
-    ----------
-    text : str
-
     Returns
     -------
     dict
+        Tables, as nested dictionaries.
 
     Raises
     ------
@@ -76,10 +73,6 @@ def json_of(text: str | bytes | bytearray) -> Any:
     text : str or bytes
         UTF-8.
 
-    Returns
-    -------
-    dict, list, str, float, int, bool or None
-
     Raises
     ------
     json.JSONDecodeError
@@ -103,14 +96,6 @@ def repeated(names: Iterable[_Name]) -> list[_Name]:
 
     One pass: to count each name in the whole list takes a time that grows with its square, and a
     stranger who sends 25,000 keys stops the service for seconds.
-
-    Parameters
-    ----------
-    names : iterable of hashable
-
-    Returns
-    -------
-    list
     """
     return [name for name, times in Counter(names).items() if times > 1]
 

@@ -254,6 +254,7 @@ class Origin:
     instrument, telescope, field : str
         INSTRUME, TELESCOP and OBJECT, at most `MOST_CARD` printable characters of each.
     mid_exposure_utc : datetime or None
+        None: the header doesn't say.
     """
 
     instrument: str = ""

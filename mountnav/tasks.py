@@ -73,7 +73,6 @@ def begun(work: Coroutine[Any, Any, T], name: str, *, died: Died) -> asyncio.Tas
 
     Parameters
     ----------
-    work : coroutine
     name : str
         For the log.
     died : callable

@@ -80,7 +80,6 @@ def sexagesimal_text(value: float, decimals: int, *, plus: str = "", wrap: int |
 
     Parameters
     ----------
-    value : float
     decimals : int
         Of the seconds, > 0.
     plus : str

@@ -83,7 +83,6 @@ class Member:
 
     Attributes
     ----------
-    verb : {"GET", "PUT"}
     name : str
         As in the path.
     act : callable

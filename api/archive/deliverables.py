@@ -33,7 +33,6 @@ class Written:
 
     Attributes
     ----------
-    left : int
     why : str
         Of the first one that was left out.
     """
@@ -53,7 +52,6 @@ def write_headers(run: RunFolder, out: Path, kind: Kind) -> Written:
     out : Path
         Gets a folder for each `FOLDER_FRAMES` numbers of the list, and files ``NUMBER-NAME.wcs`` in it;
         ``NUMBER-NAME-exposure2.wcs`` of a plate's second exposure.
-    kind : {"sip", "tpv", "gwcs"}
 
     Raises
     ------

@@ -45,8 +45,6 @@ class Fetched:
     ----------
     file : FileIO
         Open; whoever fetched it closes it.
-    sha256 : str
-    size_bytes : int
     fetch_s : float
         Wall time that it took.
     """

@@ -35,7 +35,6 @@ class FrameFile:
 
     Attributes
     ----------
-    path : Path
     hdu : int or str or None
         Which extension; None: chosen by the reader.
     one_of_many : bool

@@ -25,7 +25,6 @@ class Outcome:
 
     Attributes
     ----------
-    frame : FrameFile
     verdict : Verdict or None
         None where the file couldn't even be read, or was passed over.
     unread : str

@@ -37,10 +37,8 @@ class Pool:
 
     Parameters
     ----------
-    catalog : Catalog
     jobs : int
         How many processes.
-    hint : Hint or None
     settings : SolveSettings
         Without an index.
     index : Path or None

@@ -36,7 +36,6 @@ class Bundle:
 
     Attributes
     ----------
-    manifest : dict
     recordings : dict of str to Path
         Nights that can be played, by their names; unpacked.
     """

@@ -51,7 +51,6 @@ def write_plots(
         At least one.
     folder : Path
         Exists.
-    every, leave_one_out : bool
     catalog_sigma_arcsec : float
         See `mountnav.identification.accuracy.deviations`.
 

@@ -74,7 +74,6 @@ def begin_log(form: LogForm = "auto", level: str = "info", stream: TextIO | None
 
     Parameters
     ----------
-    form : {"auto", "text", "json", "journald"}
     level : str
         What is below isn't written.
     stream : file, optional

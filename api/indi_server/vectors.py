@@ -50,8 +50,6 @@ class Vector:
 
     Attributes
     ----------
-    kind : {"Text", "Number", "Switch", "Light"}
-    perm : {"ro", "rw", "wo"}
     rule : str
         Of switches.
     timeout_s : float

@@ -21,7 +21,6 @@ class Door:
     ----------
     admits : callable (str) -> bool
         Of the settings.
-    audit : Audit
     name : str
         Of the face, for the audit.
     """

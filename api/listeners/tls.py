@@ -39,7 +39,6 @@ class Certificate:
 
     Parameters
     ----------
-    tls : {"off", "self", "files"}
     files : (Path or None, Path or None)
         Certificate and key of ``files``.
     journal : str

@@ -63,9 +63,6 @@ class Sent:
     ----------
     to : str
         A folder, or the host of an address, with its place in the settings: never its path.
-    night : str
-    ok : bool
-    detail : str
     """
 
     to: str
@@ -95,8 +92,6 @@ class MorningPosts:
 
     Parameters
     ----------
-    settings : Settings
-    journal : SqlJournal
     tell : callable
         Publishes an event.
     client : httpx.AsyncClient, optional

@@ -76,7 +76,9 @@ class Asked:
     scale : tuple of (str, float, float) or None
         Unit, lower and upper bound.
     center : Icrs or None
+        None: not given.
     radius_deg : float or None
+        None: not given.
     width_px, height_px : int or None
         Of the frame that a list of stars is of.
     linear : bool

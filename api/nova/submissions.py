@@ -56,7 +56,6 @@ class Session:
     ----------
     secret : str
         What it shows with its requests.
-    caller : Caller
     key_sha256 : str or None
         Of the key it logged in with; None where no key was needed.
     used_s : float
@@ -78,7 +77,6 @@ class Sessions:
         For how long.
     valid : callable
         Whether a session's key still may solve.
-    clock_s : callable
     """
 
     def __init__(self, keep_s: float, valid: Callable[[Session], bool], clock_s: Callable[[], float]) -> None:
@@ -236,7 +234,6 @@ class Submissions:
         After so long one is forgotten.
     images : int
         Images that are kept at a time; each holds a file descriptor.
-    clock_s : callable
     """
 
     def __init__(self, keep_s: float, images: int, clock_s: Callable[[], float]) -> None:

@@ -60,7 +60,6 @@ def check_settings(file: Path) -> tuple[Settings | None, list[Finding]]:
     -------
     settings : Settings or None
         None where they can't be read.
-    findings : list of Finding
     """
     try:
         settings = Settings.load(file)

@@ -148,6 +148,7 @@ class SkySeen:
     fwhm_arcsec, zero_point_mag, limiting_mag : float or None
         As `mountnav.measuring.measurements.SkyQuality` has them.
     exposure_s : float or None
+        None: not known.
     """
 
     utc: datetime

@@ -419,11 +419,8 @@ def ephemeris_of(target: AnyTarget, utc: datetime, site: Site, air: Air) -> Ephe
 
     Parameters
     ----------
-    target : Target
     utc : datetime
         Aware: the moment of the order, for a direction over the horizon and a place of date.
-    site : Site
-    air : Air
 
     Returns
     -------

@@ -71,7 +71,6 @@ def modelled_telescope(
         Settings file.
     telescope : str or None
         Its id; may be left out if the file has one telescope.
-    site : (latitude_deg, longitude_deg), optional
 
     Raises
     ------

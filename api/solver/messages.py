@@ -135,7 +135,6 @@ class Done:
         With an empty array for pixels; these lie in the file that came along with the order to read.
     dtype : str
         Of those pixels.
-    shape : tuple of int
     grown_mb : float
         Memory that the process holds since it is warm, now that the task is done.
     """
@@ -380,7 +379,6 @@ class SharedPixels:
     ----------
     frame : Frame
         With an empty array for pixels.
-    shape : tuple of int
     """
 
     frame: Frame
@@ -466,7 +464,6 @@ class ClusterSetup:
 
     Attributes
     ----------
-    scheduler : str
     resource : str or None
         That a worker must have.
     given : SolvingThere

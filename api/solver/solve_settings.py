@@ -81,7 +81,6 @@ def chosen_settings(
         "measured" or "paper".
     calibration : Path or None
         A folder of masters.
-    blind : {"after", "only", "never"} or None
 
     Raises
     ------

@@ -32,8 +32,6 @@ def run(arguments: list[str], host: Host, solver: Solver) -> int:
     arguments : list of str
         "/solvefile", the image, the result file; focal length in mm, pixels in µm, place and radius in
         degrees: zeros or nothing where unknown.
-    host : Host
-    solver : Solver
 
     Returns
     -------

@@ -86,12 +86,7 @@ Read and not needed: -s -t -m -z -check -d -D -speed -progress. Not possible: -d
 
 
 class Options:
-    """Options as ASTAP's parser takes them: `-x value`, `--x value`, `-x=value`; a value has no leading dash.
-
-    Parameters
-    ----------
-    arguments : iterable of str
-    """
+    """Options as ASTAP takes them: `-x value`, `--x value`, `-x=value`; a value has no leading dash."""
 
     def __init__(self, arguments: Iterable[str]) -> None:
         self._values: dict[str, str | None] = {}
@@ -159,8 +154,6 @@ def run(arguments: list[str], host: Host, solver: Solver) -> int:
     ----------
     arguments : list of str
         Without the command's name.
-    host : Host
-    solver : Solver
 
     Returns
     -------

@@ -96,7 +96,6 @@ def ini_text(
         Width and height.
     code : int
         The exit code; some have a text.
-    warning : str
     """
     lines = [f"PLTSOLVD={'F' if plate is None else 'T'}"]
     lines += [f"{name}={value!r}" for name, value in (plate or {}).items()]
@@ -133,7 +132,6 @@ def wcs_lines(
         The whole command line.
     note : str
         How long it took, and how far off the hint was.
-    warning : str
     """
     plain: list[tuple[str, Value, str]] = [("SIMPLE", True, ""), ("BITPIX", 8, ""), ("NAXIS", 0, "")]
     plain += [

@@ -36,7 +36,6 @@ def stars_csv(stars: StarDiameters, facts: ImageFacts, cards: Mapping[str, objec
 
     Parameters
     ----------
-    stars : StarDiameters
     facts : ImageFacts
         Of their image.
     cards : mapping

@@ -33,7 +33,6 @@ class Option:
         Long name, without dashes.
     letter : str
         Short name; empty for none.
-    value : {"none", "needed"}
     """
 
     name: str
@@ -72,7 +71,6 @@ def parted(arguments: Sequence[str], table: Sequence[Option]) -> Parted:
     ----------
     arguments : sequence of str
         Without the command's own name.
-    table : sequence of Option
 
     Raises
     ------

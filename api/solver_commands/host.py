@@ -76,7 +76,6 @@ class Asked:
         What to call it.
     hint : Hint or None
         What the command's options say.
-    blind : {"after", "only", "never"}
     cpu_limit_s : float or None
         Of identifying; the solver's own budget where it is less or None.
     stars : ListFormat or None
@@ -101,10 +100,6 @@ class Solver(Protocol):
         ----------
         cancelled : callable, optional
             Asked now and then; when it says so, the frame is given up.
-
-        Returns
-        -------
-        Verdict
 
         Raises
         ------

@@ -29,7 +29,6 @@ class ImageFacts:
 
     Attributes
     ----------
-    width_px, height_px : int
     rows_down : bool
         The file's first row is the top one, as in pictures; FITS files begin at the bottom.
     header : dict
@@ -120,7 +119,6 @@ def rows_up(cards: Mapping[str, Value], height_px: int) -> dict[str, Value]:
     ----------
     cards : mapping
         TAN or TAN-SIP of rows that are counted from the top.
-    height_px : int
 
     Returns
     -------

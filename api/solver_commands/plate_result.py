@@ -74,9 +74,11 @@ def hint_of(center: Icrs | None, radius_deg: float, field: Field | None, source:
     Parameters
     ----------
     center : Icrs or None
+        None: not given.
     radius_deg : float
         Any; more than `WIDEST_RADIUS_DEG` counts as that, the whole sky comes after it anyway.
     field : Field or None
+        None: not given.
     source : str
         The options that said where it is.
     """
@@ -125,11 +127,11 @@ class Plate:
     Attributes
     ----------
     solution : Solution or None
+        None: not solved.
     why : str
         The reason; empty if solved.
     warnings : tuple of str
         Hints that the frame disproves.
-    verdict : Verdict
     """
 
     solution: Solution | None
@@ -143,7 +145,6 @@ def judged(verdict: Verdict, field: Field | None) -> Plate:
 
     Parameters
     ----------
-    verdict : Verdict
     field : Field or None
         As it was stated.
     """

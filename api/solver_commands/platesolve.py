@@ -70,8 +70,6 @@ def run_platesolve2(arguments: list[str], host: Host, solver: Solver) -> int:
     ----------
     arguments : list of str
         One, with commas; a file's name alone is solved blind.
-    host : Host
-    solver : Solver
 
     Returns
     -------
@@ -93,8 +91,6 @@ def run_platesolve3(arguments: list[str], host: Host, solver: Solver) -> int:
     ----------
     arguments : list of str
         The file; place and field in radians, zeros or nothing where unknown.
-    host : Host
-    solver : Solver
 
     Returns
     -------

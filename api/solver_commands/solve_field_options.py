@@ -98,12 +98,12 @@ class Wanted:
         How far from there the frame's center is believed to be.
     scale_low, scale_high : float or None
         In `unit`.
-    unit : {"degrees", "arcminutes", "arcsec", "film"}
     parity : int
         +1 or -1 where only the sky as seen, or only the mirrored one, is wanted; 0 for both.
     header_hints : bool
         What the file's header says may help: as a hint, never as a bound.
     cpu_limit_s : float or None
+        None: no limit.
     sip : bool
         Terms of higher order are wanted in the WCS.
     stars : ListFormat

@@ -66,15 +66,13 @@ def sources_table(
     x_px, y_px : ndarray, shape (n,)
         0-based; written from 1 on.
     flux : ndarray, shape (n,)
+        ADU.
     background : float or ndarray, shape (n,)
+        ADU.
     width_px, height_px : int
         Of the frame.
     primary : mapping, optional
         Cards for the primary header.
-
-    Returns
-    -------
-    bytes
     """
     size: Cards = {"IMAGEW": width_px, "IMAGEH": height_px}
     columns: list[Column] = [
@@ -128,7 +126,6 @@ def correspondences(
         Of the WCS that is written: TAN or TAN-SIP, CRPIX in the frame's center.
     seen_px : ndarray, shape (n, 2)
         The sources of the `.axy` table, 0-based: `field_id` counts them from 0, -1 for one that isn't there.
-    background : float
     """
     from mountnav.sky.wcs import places_at_pixels
 

@@ -84,8 +84,6 @@ def run(arguments: list[str], host: Host, solver: Solver) -> int:
     ----------
     arguments : list of str
         The verb first.
-    host : Host
-    solver : Solver
 
     Returns
     -------

@@ -53,7 +53,6 @@ class FieldWcs:
     ----------
     cards : mapping
         CTYPE, CRPIX, CRVAL, CD, and SIP terms if any.
-    width_px, height_px : float
     """
 
     cards: Mapping[str, str | int | float]

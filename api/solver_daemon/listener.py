@@ -102,7 +102,6 @@ class SolverSocket:
 
     Parameters
     ----------
-    solver : SolverOnLoop
     path : Path, optional
         Of the socket; `socket_path()` if left out. It is for this user alone.
     tcp_port : int, optional

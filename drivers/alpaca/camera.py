@@ -145,7 +145,6 @@ async def set_up(device: AlpacaDevice, chip: Chip, habits: CameraHabits) -> tupl
 
     Returns
     -------
-    Field
     list of str
         What was set, in words.
 

@@ -26,6 +26,7 @@ def served_fake(protocol: str, dialect: str | None = None, *, site: Site | None 
     protocol, dialect
         As `drivers.registry.make_fake` takes them.
     site : Site, optional
+        Where the fake stands.
 
     Yields
     ------

@@ -98,12 +98,7 @@ class Memory:
 
 
 class FakeReports:
-    """Answers questions.
-
-    Parameters
-    ----------
-    dialect : {"v3", "v2"}
-    """
+    """Answers questions."""
 
     def __init__(self, mechanics: Mechanics, memory: Memory, dialect: str) -> None:
         self._mechanics = mechanics

@@ -84,12 +84,7 @@ def step_beside(gears: dict[Axis, Gearing], rates: OffsetRates) -> float:
 
 
 class Following:
-    """Runs both motors at rates over the ground.
-
-    Parameters
-    ----------
-    motors : Motors
-    """
+    """Runs both motors at rates over the ground."""
 
     def __init__(self, motors: Motors) -> None:
         self._motors = motors

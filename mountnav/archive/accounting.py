@@ -30,7 +30,6 @@ class Status:
     ----------
     chunks, frames : int
         In the work list.
-    done_chunks : int
     making : tuple of int
         Chunks that somebody works on, or that a killed worker left.
     counts : Counts
@@ -81,7 +80,6 @@ class Audit:
     ----------
     troubles : list of str
         At most `MOST_TROUBLES`.
-    trouble_count : int
     missing_chunks : int
         Not done yet: no trouble.
     machines : Counter of str

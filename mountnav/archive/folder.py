@@ -50,7 +50,6 @@ class Folder:
 
     Attributes
     ----------
-    path : Path
     chunk_frames : int
         How many frames a chunk has at most.
     """

@@ -59,7 +59,6 @@ class Result:
         None where there is none: unread, or set aside.
     code, why : str
         In place of a verdict.
-    tries : int
     total_s : float
         From the order to the answer.
     fetch_s, waited_s : float

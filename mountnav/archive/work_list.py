@@ -26,6 +26,7 @@ class Entry:
     extension : str or None
         Of a FITS file, by number or name; None: chosen by the reader.
     size_bytes : int or None
+        None: not known before it is fetched.
     hint : Hint or None
         What the list says of it.
     number : int
@@ -115,7 +116,6 @@ class WorkList:
         ----------
         which : int
             0 and `of` are the same worker.
-        of : int
         """
         return [chunk for at, chunk in enumerate(self.in_order()) if at % of == which % of]
 

@@ -53,7 +53,6 @@ class Choice:
 
     Attributes
     ----------
-    catalog : Catalog
     expected : float
         How many of its stars a field holds here; what exceeds three times `ENOUGH` isn't counted.
     sigma_arcsec : float
@@ -260,8 +259,6 @@ def suited(catalog: Catalog, center: Icrs, field_deg2: float, *, epoch_yr: float
     ----------
     catalog : Catalog
         A `CatalogSet`, or a plain one, which is given back.
-    center : Icrs
-    field_deg2 : float
     epoch_yr : float
         Julian year.
     """
@@ -379,7 +376,6 @@ def open_catalogs(choice: CatalogChoice = _ALL, *, use: tuple[str, ...] | None =
 
     Parameters
     ----------
-    choice : CatalogChoice
     use : tuple of str, optional
         Only these, in place of `choice.use`.
 

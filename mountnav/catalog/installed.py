@@ -118,7 +118,6 @@ class Installed:
     ----------
     slug : str
         The file's name without its suffix: what commands and settings call it.
-    path : Path
     store : PackedStore or None
         None if the file can't be used.
     problem : str or None
@@ -133,10 +132,6 @@ class Installed:
 
 def installed(folder: Path) -> list[Installed]:
     """Open every catalog in the folder, in the order of their names; a folder that isn't there holds none.
-
-    Parameters
-    ----------
-    folder : Path
 
     Returns
     -------
@@ -153,15 +148,6 @@ def installed(folder: Path) -> list[Installed]:
 
 def find_installed(folder: Path, slug: str) -> Installed:
     """One catalog of the folder, damaged or not.
-
-    Parameters
-    ----------
-    folder : Path
-    slug : str
-
-    Returns
-    -------
-    Installed
 
     Raises
     ------
@@ -183,10 +169,6 @@ def find_installed(folder: Path, slug: str) -> Installed:
 def unfinished(folder: Path) -> list[str]:
     """Names of imports that were begun in the folder and not ended.
 
-    Parameters
-    ----------
-    folder : Path
-
     Returns
     -------
     list of str
@@ -202,15 +184,6 @@ def unfinished(folder: Path) -> list[str]:
 
 def catalog_path(folder: Path, slug: str) -> Path:
     """Where a catalog of a name lies or would lie.
-
-    Parameters
-    ----------
-    folder : Path
-    slug : str
-
-    Returns
-    -------
-    Path
 
     Raises
     ------
@@ -234,7 +207,6 @@ def remove(folder: Path, slug: str) -> int:
 
     Parameters
     ----------
-    folder : Path
     slug : str
         A damaged file goes as well, and colors that lie beside it.
 

@@ -22,7 +22,6 @@ def malformed_at(
         What should be there, and what is.
     unit : str
         What `offset` counts: "byte", "line", "row".
-    advice : str
 
     Returns
     -------

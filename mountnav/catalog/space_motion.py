@@ -16,10 +16,12 @@ def unit_vectors(ra_deg: Array | float, dec_deg: Array | float) -> Array:
     Parameters
     ----------
     ra_deg, dec_deg : ndarray, shape (n,), or float
+        ICRS, or any other equatorial frame: the vector is in the same.
 
     Returns
     -------
     ndarray, shape (3, n) or (3,)
+        x to RA 0, y to RA 90°, z to the pole.
     """
     ra, dec = np.radians(ra_deg), np.radians(dec_deg)
     cos_dec = np.cos(dec)
@@ -32,6 +34,7 @@ def motion_vectors(ra_deg: Array, dec_deg: Array, pm_ra_cosdec_mas_yr: Array, pm
     Parameters
     ----------
     ra_deg, dec_deg, pm_ra_cosdec_mas_yr, pm_dec_mas_yr : ndarray, shape (n,)
+        Position and proper motion at one epoch.
 
     Returns
     -------
@@ -56,10 +59,12 @@ def places(vectors: Array) -> tuple[Array, Array]:
     Parameters
     ----------
     vectors : ndarray, shape (3, n)
+        x to RA 0, y to RA 90°, z to the pole.
 
     Returns
     -------
     ra_deg, dec_deg : ndarray, shape (n,)
+        In the frame of the vectors.
     """
     x, y, z = vectors
     ra_deg = np.degrees(np.arctan2(y, x)) % 360.0
@@ -81,6 +86,7 @@ def motions_seen(vectors: Array, motion: Array) -> tuple[Array, Array]:
     Returns
     -------
     pm_ra_cosdec_mas_yr, pm_dec_mas_yr : ndarray, shape (n,)
+        To the east and to the north.
     """
     length = np.sqrt((vectors**2).sum(axis=0))
     unit = vectors / length

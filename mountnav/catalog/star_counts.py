@@ -176,11 +176,6 @@ FAINTEST_READ_MAG = 22.0
 def magnitude_for(count: float, area_deg2: float) -> float | None:
     """Magnitude down to which even a poor region of the sky holds `count` stars in an area.
 
-    Parameters
-    ----------
-    count : float
-    area_deg2 : float
-
     Returns
     -------
     float or None
@@ -197,11 +192,8 @@ def depth_for(catalog: Catalog, center: Icrs, count: float, area_deg2: float) ->
 
     Parameters
     ----------
-    catalog : Catalog
     center : Icrs
         Of the area, or near it.
-    count : float
-    area_deg2 : float
 
     Returns
     -------
@@ -217,14 +209,6 @@ def depth_for(catalog: Catalog, center: Icrs, count: float, area_deg2: float) ->
 
 def stars_round(catalog: Catalog, center: Icrs, radius_deg: float, count: int, *, epoch_yr: float) -> Stars:
     """The brightest stars of a cone, enough to have `count` of them where the catalog has so many.
-
-    Parameters
-    ----------
-    catalog : Catalog
-    center : Icrs
-    radius_deg : float
-    count : int
-    epoch_yr : float
 
     Returns
     -------
@@ -242,18 +226,10 @@ def stars_deep_enough(
 
     Parameters
     ----------
-    catalog : Catalog
-    center : Icrs
-    radius_deg : float
     limit : float or None
         Magnitude; None is the whole catalog.
     count : float
         So few are enough.
-    epoch_yr : float
-
-    Returns
-    -------
-    Stars
     """
     faintest = _faintest(catalog)
     while True:

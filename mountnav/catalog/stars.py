@@ -152,7 +152,6 @@ def stars_in_polygon(
 
     Parameters
     ----------
-    catalog : Catalog
     corners : sequence of Icrs
         At least three, in either winding. The polygon must be convex, as a frame's is, and fit into a cone of
         89° round the middle of its corners; poles and RA 0 are nothing special.

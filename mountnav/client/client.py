@@ -335,6 +335,7 @@ class Client(Calls):
         Parameters
         ----------
         telescope_id : str
+            Id of the telescope, as the settings name it.
         ttl_s : float
             It lasts so long when the heartbeats end.
         on_expiry : {"stop", "park", "keep-tracking"}

@@ -41,10 +41,13 @@ class Request(Generic[T]):
     Attributes
     ----------
     method, path : str
+        HTTP method, and path from the service's address.
     params : mapping
+        Query parameters.
     body : object
         JSON; None for none.
     headers : mapping
+        Headers beside those that the client always sends.
     again : bool
         Whether it may be sent again when its answer was lost.
     wait_s : float
@@ -144,6 +147,7 @@ def order(
     Parameters
     ----------
     telescope_id : str
+        Id of the telescope, as the settings name it.
     what : dict
         One of `mountnav.client.orders`.
     wait_s : float

@@ -76,7 +76,9 @@ def sending(request: Request[T], known: Known, timeout_s: float) -> Steps[T]:
     Parameters
     ----------
     request : Request
+        What is to be sent.
     known : Known
+        What the client knows of the service and of its requests.
     timeout_s : float
         For each attempt, beyond what the service was asked to wait.
 
@@ -113,7 +115,9 @@ def waiting(
     Parameters
     ----------
     job : Job or str
+        The job, or its id.
     known : Known
+        What the client knows of the service and of its requests.
     answer_s : float
         As `timeout_s` of `sending`.
     timeout_s : float or None

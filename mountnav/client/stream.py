@@ -28,6 +28,7 @@ class ServerEvent:
     kind : str
         ``job``, ``attempt``, ``slewing``, ...; ``gap`` where events were lost.
     data : dict
+        The event's JSON object.
     """
 
     event_id: str
@@ -88,13 +89,16 @@ class Following:
     after : str or None
         Id of the event to go on after.
     telescope : str or None
+        Id of the telescope whose events are wanted; None: of all.
     job : Job, str or None
+        Job, or its id, whose events are wanted; None: of all.
     patience_s : float
         So long a lost connection is tried again.
 
     Attributes
     ----------
     path : str
+        Path of the stream, from the service's address.
     over : bool
         Whether the event that ends it was heard.
     """

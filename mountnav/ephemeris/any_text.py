@@ -150,7 +150,6 @@ def read_table(text: str, *, made_for: Observer | None = None) -> Table:
 
     Parameters
     ----------
-    text : str
     made_for : Observer, optional
         For pages of the MPC alone, which don't tell their observer's coordinates.
 

@@ -132,7 +132,6 @@ class OrbitElements:
         As people call it: "433 Eros", "C/2023 A3 (Tsuchinshan-ATLAS)".
     epoch_jd : float
         TDB; the elements are those of the ellipse that touches the true way then.
-    q_au, eccentricity : float
     inclination_deg, node_deg, peri_deg : float
         Ecliptic J2000.
     perihelion_jd : float
@@ -144,6 +143,7 @@ class OrbitElements:
     comet : bool
         Whether it is one: its elements age faster.
     covariance : Covariance or None
+        None: the source gives none.
     forces : OwnForces or None
         What moves it beside gravity.
 

@@ -86,7 +86,6 @@ class SkyRates:
     ----------
     ra_arcsec_s : float
         Change of the right ascension, ″/s, not times cos δ.
-    dec_arcsec_s : float
     total_arcsec_s : float
         Along its way on the sphere.
     """

@@ -99,10 +99,10 @@ class Import:
     ----------
     slug : str
         What commands call it.
-    path : Path
     source : str
         The file that it was made from.
     imported_utc : datetime or None
+        None: not known.
     objects : int
         Of a catalog; bodies of an SPK file.
     what : str
@@ -126,11 +126,8 @@ class Entry:
 
     Attributes
     ----------
-    name : str
-    kind : {"minor-planet", "comet", "satellite"}
     slug : str
         Of its import.
-    elements : OrbitElements or SatelliteElements
     """
 
     name: str
@@ -338,8 +335,6 @@ class Outcome:
 
     Attributes
     ----------
-    slug : str
-    objects : int
     refused : int
         Lines that were none, ...
     first_refused : tuple of str

@@ -111,8 +111,6 @@ class HorizonRatesTarget:
     az_arcsec_s, alt_arcsec_s : float
         Change of the azimuth (not times cos of the altitude) and of the altitude, ″ per SI second. Both 0: it
         stands still over the horizon, while the stars pass.
-    begins_utc, ends_utc : datetime
-    air : Air
 
     Raises
     ------

@@ -61,15 +61,10 @@ class SatelliteElements:
 
     Attributes
     ----------
-    name : str
     norad_id : int
         Catalog number; 0 if there is none.
-    epoch_utc : datetime
     epoch_mjd_day, epoch_day_fraction
         The same to a microsecond, as SGP4 takes it.
-    mean_motion_rev_day : float
-    eccentricity : float
-    inclination_deg, node_deg, perigee_deg, mean_anomaly_deg : float
     bstar : float
         Drag, per Earth radius.
     motion_dot_rev_day2, motion_ddot_rev_day3 : float
@@ -184,7 +179,6 @@ class EarthSatellite:
 
     Attributes
     ----------
-    elements : SatelliteElements
     begins_utc, ends_utc : datetime
         Within them the elements are young enough: see `MOST_SIGMA_DEG` and `MOST_AGE_DAYS`.
 

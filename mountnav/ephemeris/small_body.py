@@ -166,10 +166,6 @@ class _Way:
 class SmallBody:
     """A minor planet or a comet, as an `Ephemeris`.
 
-    Attributes
-    ----------
-    elements : OrbitElements
-
     Raises
     ------
     BadRequest

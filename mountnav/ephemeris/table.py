@@ -81,10 +81,8 @@ class Table:
 
     Attributes
     ----------
-    name : str
     rows : tuple of TableRow
         In the order of their times; all with a distance, or none.
-    observer : Observer
     rounding_arcsec : float
         What the last digit of the places is worth.
 

@@ -46,7 +46,6 @@ class Actuator:
 
     Attributes
     ----------
-    kind : {"pulses", "rates", "both"}
     step_arcsec : float
         Grain of a correction on the sky: a smaller one isn't made, others are rounded to it. 0: none.
     error_share : float
@@ -107,10 +106,6 @@ class Actuator:
 class Play:
     """What an axis may make of its corrections: hypotheses side by side, each with what it has made so far.
 
-    Parameters
-    ----------
-    actuator : Actuator
-
     Attributes
     ----------
     gain, width, place : ndarray, shape (m,)
@@ -118,6 +113,7 @@ class Play:
     made : ndarray, shape (m,)
         Sum of what the axis has made of all corrections, ″.
     log_prior : ndarray, shape (m,)
+        Log probability of each hypothesis before any look.
     moves : int
         How many corrections there were.
     """

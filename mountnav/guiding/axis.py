@@ -105,7 +105,6 @@ class HeldAxis:
 
     Parameters
     ----------
-    actuator : Actuator
     start_sigma_arcsec : float
         How far from its target it may begin.
     swings : bool

@@ -101,7 +101,6 @@ class AxisState:
         One sigma of how far the level walks in a minute.
     amplitudes_arcsec : tuple of float
         Of each harmonic; empty without a period.
-    amplitude_sigma_arcsec : float
     """
 
     level_arcsec: float
@@ -372,6 +371,7 @@ class AxisFilter:
         utc_s : float
             From when on.
         ahead_s : ndarray, shape (k,)
+            From the filter's instant.
 
         Returns
         -------

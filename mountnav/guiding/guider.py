@@ -50,7 +50,6 @@ class Seen:
 
     Attributes
     ----------
-    fate : LookFate
     primary_arcsec, secondary_arcsec : float
         Seen minus wanted.
     expected_primary_arcsec, expected_secondary_arcsec : float

@@ -42,8 +42,6 @@ class AxisCorrection:
 
     Attributes
     ----------
-    step_arcsec : float
-    rate_arcsec_s : float
     gain_arcsec2 : float
         By how much the mean square distance is expected to fall by it.
     """

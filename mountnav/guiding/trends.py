@@ -26,7 +26,6 @@ class Trend:
         The line's value at the last point.
     scatter : float
         Root mean square about the line.
-    points : int
     """
 
     rate_per_h: float

@@ -182,6 +182,7 @@ class Answer:
     Attributes
     ----------
     normal : ndarray, shape (parameters, parameters)
+        Normal matrix, the belief included.
     smoother : ndarray, shape (parameters, parameters)
         The parameters are this times the right side of the normal equations.
     covariance : ndarray, shape (parameters, parameters)
@@ -254,10 +255,6 @@ class NormalEquations:
         ----------
         trust : ndarray, shape (n,)
             Weights against outliers, 1 for pairs in good standing.
-
-        Returns
-        -------
-        ndarray, shape (parameters,)
         """
         bordered = self._equations(trust / self.sigma2(belief.extra_px))
         solved = _Solved(bordered, belief)
@@ -276,6 +273,7 @@ class NormalEquations:
         Parameters
         ----------
         trust : ndarray, shape (n,)
+            Weight of each pair.
         floor_px : float
             The extra error that is expected.
         near : Belief or None
@@ -379,6 +377,7 @@ def _evidence(bordered: Array, strengths: Strengths) -> Array:
     Returns
     -------
     ndarray, shape (n, h, s, r)
+        One value for each combination of strengths.
     """
     head, tail = strengths.head, strengths.tail
     a, b = head.shape[1], tail.shape[3]

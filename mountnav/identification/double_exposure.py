@@ -132,7 +132,6 @@ class UnexplainedLight:
 
     Attributes
     ----------
-    x_px, y_px, flux : ndarray
     known : ndarray of int
         Indices of the brightest patches that the plate's stars do explain.
     many : bool

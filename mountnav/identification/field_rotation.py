@@ -102,7 +102,6 @@ class Centers:
     ----------
     place : ndarray of complex
         The plate's, from the frame's center, pixels: x + iy.
-    off : ndarray of complex
     """
 
     place: Complex

@@ -228,12 +228,7 @@ class OutOfTime(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Points:
-    """The measurements that take part: places (pixels, brightest first) and the frame's size.
-
-    Attributes
-    ----------
-    x_px, y_px : ndarray, shape (n,)
-    """
+    """The measurements that take part: places (pixels, brightest first) and the frame's size."""
 
     x_px: Array
     y_px: Array

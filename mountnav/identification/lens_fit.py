@@ -69,10 +69,8 @@ class LensFit:
 
     Attributes
     ----------
-    lens : Lens
     pairs : Pairs
         Into the measurements and into `stars`.
-    stars : Stars
     dx_px, dy_px : ndarray, shape (n,)
         Measured minus predicted.
     sigma_px : ndarray, shape (n,)
@@ -127,12 +125,10 @@ def fit_lens(
     ----------
     start : Plate
         Of the middle, in the pixels of the whole frame.
-    stars_of_start : Stars
     pairs : Pairs
         Those that hold `start`: into `measurements` and `stars_of_start`.
     usable : ndarray of int
         Which measurements may be stars, brightest first.
-    stars_round : callable
 
     Returns
     -------

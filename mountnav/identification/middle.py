@@ -36,7 +36,6 @@ class Middle:
         Which of the frame's measurements each is.
     left_px, low_px : int
         The middle's first pixel in the frame.
-    zoom : float
     """
 
     measurements: Measurements

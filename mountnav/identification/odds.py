@@ -22,7 +22,9 @@ def binomial_sf(hits: Array, trials: Array, chance: Array | float) -> Array:
     Parameters
     ----------
     hits, trials : ndarray of numbers, shape (n,)
+        Counts; `hits` of 0 or less are certain.
     chance : float or ndarray, shape (n,)
+        Probability of one trial's success, 0 to 1.
 
     Returns
     -------
@@ -178,6 +180,7 @@ class Corners:
     Attributes
     ----------
     x_px, y_px, ra_deg, dec_deg : ndarray, shape (3,)
+        The pairs, in pixels and ICRS.
     """
 
     x_px: Array

@@ -39,12 +39,14 @@ def in_groups(
     close : ndarray of int, shape (k, 2)
         All couples of points within the radius, and perhaps some others.
     x_px, y_px, magnitude : ndarray, shape (n,)
+        The points.
     radius_px : float
         r_star_group or r_mea_group.
 
     Returns
     -------
     ndarray of bool, shape (n,)
+        True: it lies in a group.
     """
     inside = np.zeros(x_px.size, dtype=bool)
     a, b = close.T
@@ -66,6 +68,7 @@ def within_k_rej(deviation: Array, k_rej: float) -> Mask:
     Returns
     -------
     ndarray of bool, shape (n,)
+        True: the pair is kept.
     """
     kept: Mask = deviation <= k_rej * float(deviation.mean())
     return kept
@@ -113,6 +116,7 @@ class Predicted:
     star : ndarray of int, shape (n,)
         Indices in the list of stars.
     x_px, y_px : ndarray, shape (n,)
+        Pixels, 0-based: the middle of the first pixel is (0, 0).
     """
 
     star: Index
@@ -201,6 +205,7 @@ def spread_over_fragments(
     Returns
     -------
     ndarray of bool, shape (n,)
+        True: the pair is taken.
     """
     column = np.clip(((x_px + 0.5) / width_px * fragments).astype(np.int64), 0, fragments - 1)
     row = np.clip(((y_px + 0.5) / height_px * fragments).astype(np.int64), 0, fragments - 1)

@@ -200,6 +200,7 @@ def constants(
     turn, shift : ndarray of complex, shape (k,)
         w = turn·z + shift, or turn·conj(z) + shift where `mirrored`.
     mirrored : ndarray of bool, shape (k,)
+        True: the plate mirrors.
     kept : ndarray of int, shape (k,)
         Which of the n pairs these are.
     """

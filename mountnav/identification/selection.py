@@ -83,6 +83,7 @@ def rank_in_cell(cell: Index) -> Index:
     Returns
     -------
     ndarray of int, shape (n,)
+        0 for the first of a cell.
     """
     order = np.argsort(cell, kind="stable")
     sorted_cell = cell[order]

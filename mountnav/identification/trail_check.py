@@ -205,6 +205,7 @@ class _Frame:
     measurements : Measurements
         As they were found, before any move.
     pixels : ndarray, shape (height, width)
+        The frame, ADU.
     bins : (Image, Image)
         The pixels in bins (`star_trail.in_bins`).
     plane : (Image, Image)

@@ -265,6 +265,7 @@ class TriangleIndex:
         Returns
         -------
         ndarray of bool, shape (n,)
+            False: surely none is like it.
         """
         if not len(self._triangles):
             return np.zeros(log_length.size, dtype=bool)

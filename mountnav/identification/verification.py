@@ -244,7 +244,6 @@ def with_better_stars(
         With a reference; it is sure already, and its odds stay.
     measurements : Measurements
         Those its pairs point into.
-    usable : ndarray of int
     epoch_yr : float
         Julian year of the frame.
 

@@ -24,7 +24,6 @@ class AuditRow:
 
     Attributes
     ----------
-    utc : datetime
     telescope : str
         Empty for what concerns the whole service.
     caller, role, face, address : str
@@ -117,7 +116,6 @@ class LeaseRow:
 
     Attributes
     ----------
-    telescope : str
     holder : str
         The caller's name.
     role, face, address : str
@@ -130,7 +128,6 @@ class LeaseRow:
         How long it lasts without a heartbeat.
     on_expiry : str
         What is done then: ``stop``, ``park`` or ``keep-tracking``.
-    taken_utc, deadline_utc : datetime
     """
 
     telescope: str

@@ -56,7 +56,6 @@ class Exported:
         As in the journal.
     unit : str
         As FITS writes units; empty for words, numbers of things, and truth values. Instants: ``UTC``.
-    kind : {"time", "number", "count", "truth", "json", "text"}
     """
 
     name: str
@@ -90,11 +89,8 @@ def export(reader: JournalReader, what: str, path: Path, wanted: Wanted = ALL) -
 
     Parameters
     ----------
-    reader : JournalReader
-    what : {"looks", "commands", "entries"}
     path : Path
         ``.csv``, ``.parquet`` or ``.fits``.
-    wanted : Wanted, optional
 
     Returns
     -------

@@ -20,14 +20,12 @@ class JobRow:
 
     Attributes
     ----------
-    job_id, telescope, kind, state, phase : str
     request : mapping
         As the client sent it.
-    attempts : tuple of mapping
     result, problem : mapping or None
         As the API shows them.
-    created_utc : datetime
     started_utc, finished_utc : datetime or None
+        None: not yet.
     key : str or None
         The client's Idempotency-Key.
     request_sha256 : str

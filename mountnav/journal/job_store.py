@@ -41,7 +41,6 @@ class JobStore:
 
     Parameters
     ----------
-    journal : SqlJournal
     reader : JournalReader
         Of the same journal.
     telescopes : iterable of str

@@ -10,11 +10,8 @@ class MemoryJournal:
 
     Attributes
     ----------
-    looks : list of LookRecord
-    commands : list of CommandRecord
     ends : dict of str to CommandEnd
         By command.
-    entries : list of Entry
     """
 
     def __init__(self) -> None:

@@ -43,7 +43,6 @@ def observations(
     ----------
     journal : str, Path or JournalReader
         Its file, its URL, or a reader.
-    telescope : str
     since, until : datetime, optional
         From (included) and to (not included).
 

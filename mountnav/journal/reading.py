@@ -71,7 +71,6 @@ class Wanted:
         A command's; ``open`` for one that has none yet, ``solved`` and ``unsolved`` for looks.
     text : str or None
         Somewhere in its words, without regard to case.
-    segment_id : str or None
     run_id : str or None
         Of one run of the service.
     """
@@ -229,8 +228,6 @@ class Line:
 
     Attributes
     ----------
-    mark : Mark
-    record : LookRecord, CommandRecord or Entry
     end : CommandEnd or None
         Of a command that isn't open.
     run_id : str
@@ -365,10 +362,8 @@ class JournalReader:
 
         Parameters
         ----------
-        wanted : Wanted
         after : Mark, optional
             Go on behind this line: the last one of the page before.
-        limit : int
         newest_first : bool
             Backwards.
 

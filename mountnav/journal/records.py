@@ -55,6 +55,7 @@ class Cause:
     Attributes
     ----------
     job_id, night_id, look_id : str or None
+        None: it has none.
     why : str
         In words: "centering", "night: corrected a drift of 40″".
     """
@@ -98,10 +99,8 @@ class LookRecord:
 
     Attributes
     ----------
-    look_id, telescope : str
     utc : datetime
         Mid-exposure; of the second reading where the frame tells none.
-    solved : bool
     reason, detail : str
         Why not; empty when solved.
     seen : Icrs or None
@@ -114,22 +113,20 @@ class LookRecord:
         Between two changes of the mount's zero points.
     model_id : str or None
         Pointing model in force.
-    air : Air
-    dut1_s : float
     camera, source : str
         Camera's name; the frame's file or where it came from.
-    exposure_s : float
     mode, catalog : str
         How it was identified, and by which catalog.
-    pairs : int
     rms_arcsec, false_probability, scale_arcsec_px, rotation_deg : float or None
+        None: not solved.
     parity : int or None
+        +1 or -1; None: not solved.
     fwhm_px, limiting_mag, sky_adu : float or None
+        None: not measured.
     measured : int
         Sources.
     used : str
         What it was used for: "centering", "night", "model run", ...
-    cause : Cause
     """
 
     look_id: str
@@ -189,18 +186,14 @@ class CommandRecord:
 
     Attributes
     ----------
-    command_id, telescope : str
     utc : datetime
         Of the writing; the order is sent right after it.
-    order : str
     place : Apparent, Icrs or None
         As the mount gets it.
     facts : mapping
         What else belongs to the order: rate, direction, duration. JSON values.
     before : MountReading or None
         Where the mount believed to be when it was ordered.
-    segment_id : str
-    cause : Cause
     """
 
     command_id: str
@@ -241,8 +234,6 @@ class CommandEnd:
 
     Attributes
     ----------
-    utc : datetime
-    outcome : Outcome
     detail : str
         In words: the error's text.
     after : MountReading or None

@@ -82,14 +82,11 @@ def judged(
         Begun, and not closed.
     now : MountReading
         Where the mount stands.
-    resolution_arcsec : float
     overtaken : bool
         Whether other commands in flight came behind it: then the reading tells little of this one.
 
     Returns
     -------
-    likely : Likely
-    words : str
     miss_arcsec : float or None
         Between the reading and the ordered place.
     """
@@ -210,7 +207,6 @@ class TakenUp:
 
     Attributes
     ----------
-    command : CommandRecord
     likely : Likely
         What the mount's reading says became of it.
     words : str
@@ -231,8 +227,6 @@ class Restart:
 
     Attributes
     ----------
-    telescope : str
-    utc : datetime
     commands : tuple of TakenUp
         Those that were in flight; now closed as unknown.
     reading : MountReading or None
@@ -265,19 +259,12 @@ async def take_up(
 
     Parameters
     ----------
-    journal : Journal
     reader : JournalReader
         Of the same journal.
-    telescope : str
-    mount : Readable
     run_id : str, optional
         This run of the service, whose own commands are under way; the journal's if it has one.
     utc : callable, optional
         The clock.
-
-    Returns
-    -------
-    Restart
 
     Raises
     ------

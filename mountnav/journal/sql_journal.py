@@ -147,10 +147,6 @@ class SqlJournal:
 
     Parameters
     ----------
-    url : URL
-    inline : bool
-    fsync : {"commands", "always", "never"}
-    thinning : Thinning, optional
     prepare : callable, optional
         Called before it is first written, until it doesn't raise.
     audit_key : AuditKey, optional

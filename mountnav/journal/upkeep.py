@@ -40,8 +40,6 @@ class Checked:
 
     Attributes
     ----------
-    where : str
-    version : str
     size_mb : float or None
         Of the file with its write-ahead log.
     rows : dict of str to int

@@ -88,7 +88,6 @@ class Writer:
 
     Parameters
     ----------
-    url : URL
     fsync : {"commands", "always", "never"}
         What is forced onto the disk at once; all is safe from the process's death in any case.
     inline : bool

@@ -40,6 +40,7 @@ def read(image: Image, *, hdu: int | str | None = None) -> Frame:
     Returns
     -------
     Frame
+        The image, with what its header says of time, exposure and position.
 
     Raises
     ------

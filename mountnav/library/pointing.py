@@ -147,6 +147,7 @@ def fit_pointing(
     Returns
     -------
     FittedPointing
+        The model, with its residuals and its judgement.
 
     Raises
     ------

@@ -64,10 +64,12 @@ def solve(
         Search the whole sky where no hint leads to a solution. The index for it is built on first need, which
         takes half a minute once per machine.
     settings : SolveSettings, optional
+        How hard it is tried and what is believed; default: as the service does it.
 
     Returns
     -------
     SolvedFrame
+        The frame with its solution.
 
     Raises
     ------
@@ -161,6 +163,7 @@ class SolvedFrame:
     verdict : Verdict
         Everything the solver says: times, notes, hints that turned out wrong.
     solution : Solution
+        Position, scale, rotation, parity and odds.
     """
 
     frame: Frame = field(repr=False)
@@ -257,6 +260,7 @@ class SolvedFrame:
         Returns
         -------
         Axes
+            The axes that were drawn in.
         """
         with extra("plots", "plots"):
             import matplotlib.pyplot as plt

@@ -28,11 +28,13 @@ def cone(
     Parameters
     ----------
     center : SkyCoord or Icrs
+        Middle of the circle.
     radius_deg : float
         At most 90.
     at : datetime, Time or float, optional
         The epoch of the positions, as an instant or a Julian year; now by default.
     mag_limit : float, optional
+        Only stars as bright as this or brighter, in the catalog's own band; default: all.
     catalog : Catalog, optional
         Instead of the embedded Tycho-2.
 

@@ -29,14 +29,11 @@ def bad_lines(sky_free: Image, noise: float, axis: int) -> NDArray[np.intp]:
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
+        The frame without its background, ADU.
     noise : float
         Noise per pixel.
     axis : int
         Along which the medians are taken.
-
-    Returns
-    -------
-    ndarray of int
     """
     length = sky_free.shape[axis]
     step = max(1, length // _LINE_SAMPLES)
@@ -153,7 +150,9 @@ def find_cosmics(
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
+        The frame without its background, ADU.
     good : ndarray of bool, shape (height, width)
+        Pixels that may be used.
     x_px, y_px, noise : ndarray, shape (n,)
         Positions of the sources, and the sky noise per pixel at them.
     fwhm_px : float
@@ -259,12 +258,14 @@ class Artifacts:
         Parameters
         ----------
         x_px, y_px : ndarray, shape (n,)
+            Pixels, 0-based: the middle of the first pixel is (0, 0).
         margin_px : float
             Sources so near are spoilt as well.
 
         Returns
         -------
         ndarray of int64, shape (n,)
+            Bits of `Flag`; 0: none.
         """
         flags = np.zeros(x_px.size, dtype=np.int64)
         for trail in self.trails:
@@ -326,15 +327,11 @@ def find_artifacts(
     sky_free : ndarray of float32, shape (height, width)
         Without background, missing pixels zero.
     saturated : ndarray of bool, shape (height, width)
-    smoothed : Smoothed
+        Pixels at or above the saturation level.
     noise : float
         Noise per pixel.
     fwhm_px : float
         The stars' width.
-
-    Returns
-    -------
-    Artifacts
     """
     blobs = find_saturated_patches(saturated, fwhm_px) if saturated.any() else []
     return Artifacts(blobs, find_bleeds(sky_free, blobs, noise, fwhm_px), find_trails(smoothed, fwhm_px))

@@ -356,10 +356,6 @@ def estimate_background(
         Whether the level may jump between amplifiers.
     samples : int
         About how many pixels of a cell are looked at.
-
-    Returns
-    -------
-    Background
     """
     steps = find_steps(image) if look_for_steps else None
     if steps is not None:

@@ -56,14 +56,11 @@ def make_cutouts(
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
+        The frame without its background, ADU.
     good : ndarray of bool, shape (height, width)
+        Pixels that may be used.
     x_px, y_px, noise : ndarray, shape (n,)
         Positions, and the sky noise per pixel at them.
-    half_px : int
-
-    Returns
-    -------
-    Cutouts
     """
     height, width = sky_free.shape
     offset = np.arange(-half_px, half_px + 1)

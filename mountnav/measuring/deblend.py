@@ -53,16 +53,15 @@ def typical_shape(fits: Profiles, usable: NDArray[np.bool_], fwhm_px: float, psf
 
     Parameters
     ----------
-    fits : Profiles
     usable : ndarray of bool, shape (n,)
         Not saturated, not at the edge.
     fwhm_px : float
         About how wide the stars are.
-    psf : Psf
 
     Returns
     -------
     ShapePrior or None
+        None: too few stars show it.
     """
     width = np.sqrt(fits.minor_fwhm_px * fits.major_fwhm_px)
     clean = usable & fits.converged & (fits.flux > TYPICAL_SNR * fits.flux_sigma) & (fits.misfit < 0.2)
@@ -93,7 +92,9 @@ def deblend(
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
+        The frame without its background, ADU.
     good : ndarray of bool, shape (height, width)
+        Pixels that may be used.
     fits : Profiles
         Of each peak by itself.
     x_px, y_px, noise : ndarray, shape (n,)
@@ -102,13 +103,11 @@ def deblend(
         Half side of a cutout.
     fixed : ndarray of bool, shape (n,)
         Stars to leave as they are (saturated ones); their light is taken off the others.
-    psf : Psf
     shape : ShapePrior
         Of the typical star.
 
     Returns
     -------
-    fits : Profiles
     again : ndarray of bool, shape (n,)
         Which were fitted again.
     """
@@ -287,7 +286,9 @@ def find_doubles(
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
+        The frame without its background, ADU.
     good : ndarray of bool, shape (height, width)
+        Pixels that may be used.
     fits : Profiles
         Each source by itself.
     usable : ndarray of bool, shape (n,)
@@ -296,13 +297,13 @@ def find_doubles(
         Per pixel.
     half_px : int
         Half side of one star's cutout.
-    psf : Psf
     shape : ShapePrior
         Of the typical star.
 
     Returns
     -------
     Doubles or None
+        None: there are none.
     """
     minor, major = _axes(psf, shape)
     clear = usable & fits.converged & (fits.flux > _DOUBLE_SNR * fits.flux_sigma)

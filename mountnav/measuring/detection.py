@@ -70,6 +70,7 @@ class Smoothed:
     Attributes
     ----------
     significance : ndarray of float32, shape (height // bin, width // bin)
+        In sigmas of the noise.
     bin_px : int
         Side of a bin in pixels of the frame, 1 or 2.
     noise_ratio : float
@@ -89,15 +90,10 @@ def smooth(sky_free: Image, background: Background, sigma_px: float, bin_px: int
     ----------
     sky_free : ndarray of float32, shape (height, width)
         Without background, missing pixels zero.
-    background : Background
     sigma_px : float
         Width of the Gaussian, pixels of the frame.
     bin_px : int
         1, or 2 to search in 2 × 2 bins.
-
-    Returns
-    -------
-    Smoothed
     """
     height, width = sky_free.shape
     if bin_px == 2:
@@ -132,14 +128,8 @@ def find_peaks(smoothed: Smoothed, threshold_sigma: float, separation_px: float)
 
     Parameters
     ----------
-    smoothed : Smoothed
-    threshold_sigma : float
     separation_px : float
         Peaks farther apart than this (pixels of the frame) are never merged.
-
-    Returns
-    -------
-    Peaks
     """
     image = smoothed.significance
     rows, columns = np.divmod(np.flatnonzero(image > threshold_sigma), image.shape[1])
@@ -225,8 +215,9 @@ def typical_fwhm(sky_free: Image, saturated: NDArray[np.bool_], peaks: Peaks, no
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
+        The frame without its background, ADU.
     saturated : ndarray of bool, shape (height, width)
-    peaks : Peaks
+        Pixels at or above the saturation level.
     noise : float
         Noise per pixel; where the peaks hardly rise above it, the area is taken from smoothed cutouts.
 

@@ -119,7 +119,9 @@ def find_epsf(sky_free: Image, saturated: Mask, peaks: Peaks, noise: float) -> E
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
+        The frame without its background, ADU.
     saturated : ndarray of bool, shape (height, width)
+        Pixels at or above the saturation level.
     peaks : Peaks
         Of the lightly smoothed frame; a ring may have several.
     noise : float
@@ -320,14 +322,9 @@ def smooth_with_epsf(sky_free: Image, background: Background, image: Epsf, bin_p
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
-    background : Background
-    image : Epsf
+        The frame without its background, ADU.
     bin_px : int
         1, or 2 to search in 2 × 2 bins.
-
-    Returns
-    -------
-    Smoothed
     """
     height, width = sky_free.shape
     kernel = image.pixels
@@ -374,11 +371,6 @@ def without_sidelobes(peaks: Peaks, image: Epsf) -> Peaks:
     ----------
     peaks : Peaks
         Of `smooth_with_epsf`.
-    image : Epsf
-
-    Returns
-    -------
-    Peaks
     """
     if peaks.x_px.size < 2:
         return peaks
@@ -477,10 +469,11 @@ def fit_epsf(
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
+        The frame without its background, ADU.
     good : ndarray of bool, shape (height, width)
+        Pixels that may be used.
     x_px, y_px, noise : ndarray, shape (n,)
         Peaks, brightest first, and the noise per pixel at them.
-    image : Epsf
     gain : tuple
         Electrons per ADU, and whether that is known.
 

@@ -84,16 +84,15 @@ def flag_sources(
 
     Parameters
     ----------
-    fits : Profiles
     x_px, y_px : ndarray, shape (n,)
         The peaks they started from.
     neighbor_px : ndarray, shape (n,)
         Distance to the nearest other peak.
-    setting : FlagContext
 
     Returns
     -------
     flags : ndarray of int64, shape (n,)
+        Bits of `Flag`; 0: none.
     x_px, y_px : ndarray, shape (n,)
         Final positions.
     """

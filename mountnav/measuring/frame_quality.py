@@ -34,7 +34,6 @@ def ellipse_of(p: float, q: float, r: float, fwhm_per_width: float) -> tuple[flo
     ----------
     p, q, r : float
         Of Q = p u² + 2 q u v + r v².
-    fwhm_per_width : float
 
     Returns
     -------
@@ -85,10 +84,6 @@ def limiting_flux(star: Array, noise: float, noise_ratio: float, sigma_px: float
         Width of the smoothing.
     bin_px : int
         The peak is looked for in bins of so many pixels, and is rarely in the middle of one.
-
-    Returns
-    -------
-    float
     """
     box = 2 * round(SURROUND_SIGMAS * sigma_px / bin_px) + 1
     smoothed = _smoothed(np.pad(star, 2 * box * bin_px), sigma_px, bin_px, box)
@@ -135,20 +130,14 @@ def sky_quality(
 
     Parameters
     ----------
-    background : Background
     flags : ndarray of int64, shape (n,)
         Of the measurements.
-    saturated_share : float
     ellipse : tuple or None
         From `ellipse_of`, of the typical star.
     hollow : bool
         The typical star is a ring.
     limit : float or None
         From `limiting_flux`.
-
-    Returns
-    -------
-    SkyQuality
     """
     stars = int(np.count_nonzero((flags & NO_STAR) == 0))
     minor, major, angle = ellipse if ellipse is not None else (None, None, None)

@@ -48,11 +48,6 @@ _DEFAULTS = MeasuringSettings()
 def measure(frame: Frame, *, settings: MeasuringSettings = _DEFAULTS) -> Measurements:
     """Find and measure the sources of a frame.
 
-    Parameters
-    ----------
-    frame : Frame
-    settings : MeasuringSettings, optional
-
     Returns
     -------
     Measurements

@@ -83,7 +83,6 @@ def with_plate(
     ----------
     quality : SkyQuality
         From `measure`.
-    scale_arcsec_px : float
     mag, flux : ndarray, shape (n,)
         Catalog magnitudes and fluxes (ADU) of identified, unsaturated stars; what isn't finite or positive
         is passed over.

@@ -76,10 +76,6 @@ def learn_psf(
         Integrate over the pixels.
     card : bool
         The gain is from the header: only a clear contradiction overrules it.
-
-    Returns
-    -------
-    Psf
     """
     psf = Psf(0.0, gain_e_adu, 0.0, integrated)
     if x_px.size < _FEWEST_FOR_PSF:
@@ -190,7 +186,9 @@ def nonnegative_pair(table: Array, right: Array) -> tuple[float, float]:
     Parameters
     ----------
     table : ndarray, shape (n, 2)
+        A column an unknown.
     right : ndarray, shape (n,)
+        What the columns shall sum to.
 
     Returns
     -------
@@ -279,22 +277,16 @@ def fit_profiles(
 
     Parameters
     ----------
-    cutouts : Cutouts
     x_px, y_px : ndarray, shape (n,)
         Where to start, pixels of the frame.
     width_px : float
         Width to start from, pixels: a Gaussian's sigma.
-    psf : Psf
     shape : ShapePrior, optional
         Known beforehand: for saturated stars and blends.
     rounds : int, optional
         At most so many.
     height : ndarray, shape (n,), optional
         Amplitudes to start from.
-
-    Returns
-    -------
-    Profiles
     """
     fit = fit_psfs(cutouts, x_px, y_px, width_px, psf, shape=shape, rounds=rounds, height=height)
     return _profiles(fit, cutouts, float(cutouts.dx.max()), width_px, psf)
@@ -367,18 +359,12 @@ def light_on(
 
     Parameters
     ----------
-    fits : Profiles
     which : ndarray of int, shape (k,)
         Whose light.
     x0, y0 : ndarray, shape (k,)
         Center pixel of the cutout that it falls on.
     cutouts : Cutouts
         For the form alone.
-    psf : Psf
-
-    Returns
-    -------
-    ndarray
     """
     u = x0[:, None] + cutouts.dx - fits.x_px[which, None]
     v = y0[:, None] + cutouts.dy - fits.y_px[which, None]

@@ -65,8 +65,6 @@ class Fitted:
 
     Attributes
     ----------
-    profiles : Profiles
-    psf : Psf
     shape : ShapePrior or None
         Of the typical star; None where there are too few.
     origin : ndarray of int
@@ -87,7 +85,6 @@ def known_gain(frame: Frame, wish: float | None, sky: float, noise: float) -> tu
 
     Parameters
     ----------
-    frame : Frame
     wish : float or None
         What the settings say.
     sky, noise : float
@@ -95,7 +92,6 @@ def known_gain(frame: Frame, wish: float | None, sky: float, noise: float) -> tu
 
     Returns
     -------
-    gain_e_adu : float
     known : bool
         False for a mere guess.
     """
@@ -125,11 +121,11 @@ def fit_peaks(
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
+        The frame without its background, ADU.
     good : ndarray of bool, shape (height, width)
         Pixels that hold sky and stars, saturated ones excluded.
     saturated : ndarray of bool, shape (height, width)
-    background : Background
-    peaks : Peaks
+        Pixels at or above the saturation level.
     radius_px : ndarray, shape (n,)
         Radius of the saturated patch at each peak, 0 for none.
     fwhm_px : float

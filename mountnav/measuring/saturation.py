@@ -46,10 +46,6 @@ def saturation_level(
         Median level of the sky, and its noise per pixel.
     card : float or None
         `Frame.saturation_adu`.
-
-    Returns
-    -------
-    float
     """
     level = np.inf if card is None else _CARD_SHARE * card
     if pixels.dtype.kind == "u" or (pixels.dtype.kind == "i" and pixels.dtype.itemsize <= 2):
@@ -144,11 +140,7 @@ def find_saturated_patches(saturated: NDArray[np.bool_], fwhm_px: float) -> list
     Parameters
     ----------
     saturated : ndarray of bool, shape (height, width)
-    fwhm_px : float
-
-    Returns
-    -------
-    list of SaturatedPatch
+        Pixels at or above the saturation level.
     """
     blobs: list[SaturatedPatch] = []
     lines = np.flatnonzero(saturated.any(axis=1))
@@ -205,14 +197,9 @@ def find_bleeds(sky_free: Image, blobs: list[SaturatedPatch], noise: float, fwhm
     Parameters
     ----------
     sky_free : ndarray of float32, shape (height, width)
-    blobs : list of SaturatedPatch
+        The frame without its background, ADU.
     noise : float
         Noise per pixel.
-    fwhm_px : float
-
-    Returns
-    -------
-    list of Bleed
     """
     found: list[Bleed] = []
     largest = sorted(blobs, key=lambda blob: -(blob.right - blob.left + 1) * (blob.bottom - blob.top + 1))

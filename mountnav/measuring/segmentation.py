@@ -43,7 +43,6 @@ class LightSegments:
         Away from the frame's edges.
     labels : ndarray of int, shape (rows, columns)
         Of each bin: 1 + index of its patch, or 0 where there is no light.
-    bin_px : int
     parts : Patches or None
         The same light, each piece that hangs together by itself; None where none were joined.
     """
@@ -62,6 +61,7 @@ class LightSegments:
         Parameters
         ----------
         x_px, y_px : ndarray, shape (n,)
+            Pixels, 0-based: the middle of the first pixel is (0, 0).
         """
         height, width = self.labels.shape
         column = np.rint((x_px - 0.5 * (self.bin_px - 1)) / self.bin_px).astype(np.int64)
@@ -79,12 +79,9 @@ def segment_light(pixels: NDArray[np.generic], bins: Image | None = None) -> Lig
     Parameters
     ----------
     pixels : ndarray, shape (height, width)
+        The frame, ADU.
     bins : ndarray, optional
         The frame by `star_trail.in_bins`, if it is at hand: enough for a large one.
-
-    Returns
-    -------
-    Patches
     """
     bin_px = FAR_BIN_PX if pixels.size > _LARGE_PX else 2
     if bins is not None and bin_px == FAR_BIN_PX:

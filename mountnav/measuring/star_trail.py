@@ -404,6 +404,7 @@ def in_bins(pixels: NDArray[np.generic], summed: tuple[Image, int] | None = None
     Parameters
     ----------
     pixels : ndarray, shape (height, width)
+        The frame, ADU.
     summed : (ndarray, int), optional
         A frame of whole numbers in smaller or equal bins, if it is at hand, and their side in pixels.
     """
@@ -522,7 +523,6 @@ def _rays(scaled: Array, outside: Mask, core_px: float, limits: dict[int, float]
         The tamed mean image in units of its noise, 0 where unknown.
     outside : ndarray of bool, shape (side, side)
         Where it is known, the star left out.
-    core_px : float
     limits : dict
         By the length of a ray, in bins.
     """
@@ -563,7 +563,6 @@ def _tails(plane: tuple[Image, Image], x: Array, y: Array, flux: Array, fwhm_px:
         The frame by `tamed`.
     x, y, flux : ndarray, shape (n,)
         Brightest first.
-    fwhm_px : float
 
     Returns
     -------
@@ -732,6 +731,7 @@ def brighter_image(
     Parameters
     ----------
     pixels : ndarray, shape (height, width)
+        The frame, ADU.
     x_px, y_px : ndarray, shape (n,)
         Where a plate has its stars, brightest first.
     plane : (ndarray, ndarray), optional

@@ -56,10 +56,6 @@ def find_line_segments(picture: Image, least_length: float, threshold: float) ->
         Shorter pieces aren't looked for, bins.
     threshold : float
         Least strength.
-
-    Returns
-    -------
-    Segments
     """
     first = max(3, int(np.ceil(np.log2(max(least_length, 2.0)))))
     parts: list[Array] = []
@@ -524,7 +520,6 @@ def find_trails(smoothed: Smoothed, fwhm_px: float) -> list[Trail]:
 
     Parameters
     ----------
-    smoothed : Smoothed
     fwhm_px : float
         The stars' width; a trail is at least twelve times as long, and 50 pixels.
 

@@ -61,7 +61,6 @@ class LeftGoing:
 
     Attributes
     ----------
-    words : str
     speed_deg_s : float
         How fast it leads the mount away from where it was seen, at most.
     """

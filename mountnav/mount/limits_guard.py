@@ -82,6 +82,7 @@ class LimitsGuard:
     Parameters
     ----------
     mounting : {"german", "fork", "altaz"} or None
+        None: not known.
     proof : SideProof, optional
         Of the side that the mount reports.
     """

@@ -717,7 +717,6 @@ class CheckedMount:
 
         Parameters
         ----------
-        axis : {"primary", "secondary"}
         rate_deg_s : float
             Positive to greater right ascension (azimuth) or declination (altitude). 0 ends it, and returns
             when it is seen at rest.

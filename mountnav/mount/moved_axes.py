@@ -81,7 +81,6 @@ class AxisOrders(SelfActingOrders):
 
     Parameters
     ----------
-    rooms : OrderRooms
     stop : callable
         ``stop(why)``: stops the mount.
     follows : callable

@@ -67,7 +67,6 @@ class RatesInForce:
 
     Attributes
     ----------
-    rates : OffsetRates
     since_utc : datetime
         When these were taken.
     ends_utc : datetime
@@ -92,7 +91,6 @@ class RateOrders(SelfActingOrders):
 
     Parameters
     ----------
-    rooms : OrderRooms
     stop : callable
         ``stop(why)``: stops the mount, and what it follows with it if the policy says so.
     rest : callable

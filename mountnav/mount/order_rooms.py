@@ -35,7 +35,6 @@ class OrderRooms:
         One order to move at a time, and none to a mount that isn't ready.
     watch : TrackingWatch
         Follows each motion, and ends it where it leaves the limits.
-    clock : Clock
     policy : FollowingPolicy
         Bounds of rates beside the stars' and of axes moved by hand.
     armed : Armed

@@ -222,7 +222,6 @@ class MotionOrders(Orders):
 
         Parameters
         ----------
-        order : {"park", "home"}
         send : callable
             Gives it to the driver.
         needs_trust : bool

@@ -28,7 +28,6 @@ class SelfActingOrders(Orders, ABC):
 
     Parameters
     ----------
-    rooms : OrderRooms
     name : {"offset-rates", "move-axis"}
         In the journal, and to the guard.
     words : str

@@ -223,7 +223,6 @@ class Arm:
 
     Attributes
     ----------
-    length_arcsec : float
     angle_deg : float
         Position angle at the middle, minus that of the image's +y.
     """
@@ -372,12 +371,7 @@ def axis_for(target: Icrs, arm: Arm, angle_deg: float, frame: MountFrame) -> Icr
 def middle_for(
     longitude_deg: float, latitude_deg: float, length_arcsec: float, angle_deg: float
 ) -> tuple[float, float] | Unreachable:
-    """From which place an arc of this length and position angle (at that place) leads to the given one.
-
-    Returns
-    -------
-    (longitude_deg, latitude_deg) or Unreachable
-    """
+    """From which place an arc of this length and position angle (at that place) leads to the given one."""
     length = length_arcsec / ARCSEC_PER_RAD
     angle, latitude = math.radians(angle_deg), math.radians(latitude_deg)
     # sin φ = cos ρ sin φ₀ + sin ρ cos θ cos φ₀ = reach · sin(φ₀ + lift)

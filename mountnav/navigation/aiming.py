@@ -69,7 +69,6 @@ class AxisEphemeris:
 
     Attributes
     ----------
-    target : Ephemeris
     arm : Arm
         To the point, as it was learned.
     camera_deg : float
@@ -116,6 +115,7 @@ class Aiming:
     Attributes
     ----------
     point : AimPoint or None
+        None: the frame's middle.
     """
 
     equipment: Equipment

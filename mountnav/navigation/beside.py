@@ -59,8 +59,6 @@ class Beside:
 
     Attributes
     ----------
-    site : Site
-    air : Air
     altaz : bool
         Whether the axes are those of an alt-azimuth mount; else they are equatorial.
     aim_by : callable

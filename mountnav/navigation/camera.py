@@ -87,6 +87,7 @@ def camera_sample(
     Parameters
     ----------
     mounting : {"german", "fork", "altaz"} or None
+        None: not known.
     lost : bool
         The mount doesn't know where it points: its belief is left out.
     """

@@ -70,7 +70,6 @@ class Derotation:
 
     Parameters
     ----------
-    equipment : Equipment
     path : callable
         Where the target is.
     ends_utc : datetime or None

@@ -230,9 +230,6 @@ class FollowProgress:
 
     Attributes
     ----------
-    utc : datetime
-    phase : {"centering", "waiting", "following"}
-    by : FollowBy
     off_arcsec, off_sigma_arcsec : float or None
         From the target, as the last look saw it; None before one.
     judgement : RatesJudgement or None
@@ -270,7 +267,6 @@ class FollowReport:
     ----------
     end : FollowEnd
         Every other end is an error.
-    target_name : str
     began_utc, ended_utc : datetime
         Of following itself.
     plan : FollowPlan
@@ -279,7 +275,6 @@ class FollowReport:
         By what it was followed at last.
     centered : CenterReport or None
         None of a fast target, which is waited for.
-    looks, unsolved : int
     worst_arcsec, rms_arcsec, last_arcsec : float or None
         How far off the looks were from the second one on; None without.
     within : int
@@ -287,7 +282,6 @@ class FollowReport:
     stated_arcsec : float or None
         Of a fast target: how far off it may have been by all that was known, rms of one sigma; it is followed
         by the mount's readings. None of a slow one: its looks say it.
-    tolerance_arcsec : float
     renewed : int
         So often rates were ordered, or pulses, or slews.
     judgement : RatesJudgement or None
@@ -298,8 +292,6 @@ class FollowReport:
         In force, in words; empty if none is.
     events : tuple of SkyEvent
         What was foretold.
-    notes : tuple of str
-    elapsed_s : float
     """
 
     end: FollowEnd

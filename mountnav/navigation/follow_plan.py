@@ -64,7 +64,6 @@ class Means:
 
     Attributes
     ----------
-    takes_rates : bool
     most : OffsetRates or None
         The largest that it takes; None: it doesn't say.
     most_arcsec_s : float
@@ -97,7 +96,6 @@ class FollowPlan:
 
     Attributes
     ----------
-    by : FollowBy
     instead : FollowBy or None
         By what it may be followed if the mount doesn't keep its rates; None: by nothing.
     fastest : OffsetRates

@@ -229,6 +229,7 @@ def fingerprint(pixels: NDArray[np.generic]) -> bytes:
     Parameters
     ----------
     pixels : ndarray, shape (height, width)
+        The frame, ADU.
     """
     # an axis that repeats itself in memory holds nothing new
     distinct = pixels[tuple(slice(0, 1) if step == 0 else slice(None) for step in pixels.strides)]

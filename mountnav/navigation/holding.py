@@ -151,16 +151,17 @@ class HoldKnown:
         What the mount does by itself, without the periodic part. None where nobody knows how much its guide
         pulses do: twice the drift and twice the effect look alike while it is held.
     drift_east_sigma_arcsec_min, drift_north_sigma_arcsec_min : float or None
+        One sigma; None: not known yet.
     period_s : float or None
         Of the worm; None: not found.
     amplitudes_arcsec : tuple of float
         Of each harmonic; empty where the drift is None, for the same reason.
     amplitude_sigma_arcsec : float or None
+        One sigma; None: not known yet.
     noise_arcsec : float
         Scatter of a look, seeing included.
     gain, play_arcsec : float
         Share of a correction in declination that arrives, and that axis' play.
-    gain_sigma, play_sigma_arcsec : float
     rotation : Trend or None
         Of the field, deg.
     bending : Bending or None
@@ -191,12 +192,12 @@ class HoldProgress:
     ----------
     number : int
         Of the look.
-    utc : datetime
     fate : str
         "taken", "gated", "jump", "stale", or "not-solved".
     east_arcsec, north_arcsec : float or None
         Seen minus wanted.
     sigma_arcsec : float or None
+        None: not known.
     step_east_arcsec, step_north_arcsec : float
         Corrected by steps.
     rate_east_arcsec_s, rate_north_arcsec_s : float
@@ -210,6 +211,7 @@ class HoldProgress:
     problem : str or None
         Why a look wasn't solved, or what is wrong with the mount.
     known : HoldKnown or None
+        None: nothing yet.
     """
 
     number: int
@@ -237,14 +239,10 @@ class HoldReport:
     ----------
     target : Icrs
         Where it held the frame's center, dithers not counted.
-    looks, solved, gated, jumps : int
     corrections : int
         Pulses, or changes of rates.
     rms_arcsec : float
         Residual of all looks that were taken, both coordinates together, the looks' own noise included.
-    began_utc, ended_utc : datetime
-    by : str
-    known : HoldKnown
     """
 
     target: Icrs
@@ -274,7 +272,6 @@ class DitherReport:
         The last look from there.
     looks : int
         That it took.
-    elapsed_s : float
     """
 
     number: int
@@ -291,7 +288,6 @@ class DitherWish:
 
     Attributes
     ----------
-    plan : DitherPlan
     unit : {"arcsec", "px"}
         Of the plan's bound and of `settle_within`.
     number : int or None
@@ -300,7 +296,6 @@ class DitherWish:
         So near looks must be.
     settle_looks : int
         So many in a row.
-    timeout_s : float
     """
 
     plan: DitherPlan
@@ -339,8 +334,6 @@ class Holding:
 
     Parameters
     ----------
-    equipment : Equipment
-    plan : HoldPlan
     heard : callable, optional
         Told of each step; it never steers.
     """

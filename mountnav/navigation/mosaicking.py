@@ -99,7 +99,6 @@ class PanelPlan:
 
     Attributes
     ----------
-    allowed_now : bool
     from_utc : datetime or None
         When it is allowed next; now, if it is; None: not within a day.
     until_utc : datetime or None

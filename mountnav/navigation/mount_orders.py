@@ -45,6 +45,7 @@ class MountOrders:
     camera : Camera
         Opened, closed and aborted with the mount.
     listen : callable
+        Hears what happens, for the event stream.
     rotator : CheckedRotator, optional
         Opened, closed and stopped with the mount: it moves as well.
 

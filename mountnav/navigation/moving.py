@@ -105,7 +105,6 @@ class MovingTarget:
 
     Parameters
     ----------
-    target : Icrs or Ephemeris
     exposure_s, settle_s : float
         Of the looks.
 

@@ -479,10 +479,6 @@ class Navigator(MountOrders):
         trust_count : bool
             An operator's word that the rotator's cables lie as its count says.
 
-        Returns
-        -------
-        Rotation
-
         Raises
         ------
         DeviceRefused

@@ -32,10 +32,10 @@ class OffsetTrend:
 
     Attributes
     ----------
-    utc : datetime
     state : ndarray, shape (4,)
         Offsets in both axes' angles, ″, and their changes, ″/s.
     covariance : ndarray, shape (4, 4)
+        Of both offsets and both rates.
     turns : bool
         Whether changes are known at all: two looks say so.
     """

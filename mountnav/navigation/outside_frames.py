@@ -256,12 +256,7 @@ async def correct(
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What a correction was judged by, and what stood against it.
-
-    Attributes
-    ----------
-    by : {"sync", "offset", "model"}
-    """
+    """What a correction was judged by, and what stood against it."""
 
     by: By
     context: SyncContext

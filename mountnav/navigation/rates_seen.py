@@ -322,10 +322,8 @@ class TrailSeen:
 
     Attributes
     ----------
-    length_arcsec, sigma_arcsec : float
     position_angle_deg : float
         In [0, 180).
-    exposure_s : float
     """
 
     length_arcsec: float
@@ -346,7 +344,6 @@ class RateLook:
         Where the tube looked, in the mount's kind of coordinates.
     sigma_arcsec : float
         Per coordinate on the sky.
-    side : PierSide
     trail : TrailSeen or None
         Of its frame.
     """
@@ -364,15 +361,12 @@ class SeenRates:
 
     Attributes
     ----------
-    rates : OffsetRates
     ra_sigma_arcsec_s, dec_sigma_arcsec_s : float
         Of the centers' own errors, and of the instants.
     dec_deg : float
         At the middle of the looks.
     ordered : OffsetRates
         On average between them.
-    span_s : float
-    looks : int
     utc : datetime
         In the middle.
     """
@@ -397,7 +391,6 @@ class RateDoubts:
         In right ascension, on the sky's equator.
     play_arcsec, play_arcsec_s : float
         In declination.
-    time_sigma_s : float
     step_arcsec_s : float
         To which rates are rounded on the wire.
     axis_off_rad : float
@@ -769,10 +762,6 @@ def judge_rates(
         or went more slowly, and nothing is wrong with that.
     since : {"begin", "slew", "flip"}
         What happened last before these looks, after the rates were sent.
-
-    Returns
-    -------
-    RatesJudgement
     """
     doubts = doubts or RateDoubts()
     if not looks:

@@ -254,7 +254,6 @@ class Turn:
         Its count before, and where it was sent; between the cable limits.
     came_deg : float
         Its count afterwards.
-    elapsed_s : float
     """
 
     from_deg: float
@@ -278,7 +277,6 @@ class Rotation:
         Position angles: as ordered, and as solves showed it before and afterwards.
     off_deg : float
         What is left, within the tolerance.
-    tolerance_deg : float
     turns : tuple of Turn
         By the rotator's count.
     sense : int or None
@@ -305,10 +303,8 @@ class PointSeen:
     ----------
     name : str
         Empty for one that was named by its pixel alone.
-    place : Icrs
     x_px, y_px : float or None
         In the frames as they are, from 0; None for another tube.
-    from_middle_arcsec : float
     position_angle_deg : float
         Of the point's own direction.
     """

@@ -138,7 +138,6 @@ class CheckedRotator:
     ----------
     rotator : Rotator
         The driver; from now on nobody else may use it.
-    telescope : str
 
     Attributes
     ----------

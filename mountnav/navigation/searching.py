@@ -46,8 +46,6 @@ class SearchBounds:
         Of the field's shorter side: between two neighboring looks.
     field_deg : float or None
         That side; None: by what was learned of the camera.
-    most_looks : int
-    most_s : float
     """
 
     radius_deg: float = 1.0
@@ -81,7 +79,6 @@ class SearchReport:
         Steps that the limits don't allow.
     found_arcsec : float
         How far from the target the solved frame was.
-    found : Look
     centered : CenterReport
         What came of the centering after it.
     """

@@ -118,6 +118,7 @@ class CoordinateSyncs:
     note : callable
         Writes down what has happened.
     listen : callable
+        Hears what happens, for the event stream.
     totals : CoordinateSyncTotals
         Of the present night.
     """

@@ -394,6 +394,7 @@ class SyncTransaction:
     Attributes
     ----------
     listen : callable
+        Hears what happens, for the event stream.
     progress : SyncProgress
         What happens is added.
     before : MountReading

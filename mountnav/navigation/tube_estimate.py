@@ -66,14 +66,7 @@ class _Axis:
 
 @dataclass(frozen=True, slots=True)
 class TubeEstimate:
-    """Where the tube looked at the last look, in the mount's kind of coordinates, and how it drifts.
-
-    Attributes
-    ----------
-    place : Apparent or Icrs
-    utc : datetime
-    east, north : _Axis
-    """
+    """Where the tube looked at the last look, in the mount's kind of coordinates, and how it drifts."""
 
     place: Apparent | Icrs
     utc: datetime

@@ -85,7 +85,6 @@ class SunPass:
     ----------
     utc : datetime
         To a second.
-    rising : bool
     """
 
     utc: datetime

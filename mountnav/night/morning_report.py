@@ -107,8 +107,6 @@ class Trouble:
         Of the journal's rows: ``fault``, ``link``, ``refusal``; ``job``: an order that failed otherwise.
     what : str
         In words, of the first time.
-    times : int
-    first_utc, last_utc : datetime
     """
 
     kind: str
@@ -124,19 +122,16 @@ class MorningReport:
 
     Attributes
     ----------
-    looks, solved : int
     unsolved : mapping of str to int
         By the reason.
     fwhm_arcsec, limiting_mag : float or None
         Median over the solved looks.
-    slewed : int
     slewing_s, centering_s, lost_s : float
         Time in slews; in centerings; and of that in centerings that failed, and with a lost link.
     syncs : mapping of str to int
         By how each ended.
     pauses : tuple of (datetime, datetime)
         In which it did nothing.
-    advice : tuple of str
     """
 
     telescope: str

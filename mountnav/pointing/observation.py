@@ -51,14 +51,12 @@ class PointingObservation:
         As the mount says, `UNKNOWN` if it doesn't.
     segment_id : str
         Readings of one segment share their zero points.
-    air : Air
     rotation_deg, scale_arcsec_px : float or None
         Of the frame.
     parity : int or None
         +1 as the sky is seen, -1 mirrored.
     model_id : str or None
         Pointing model that was in force (applied before the slew; the reading is raw all the same).
-    look_id : str
     from_side : (int, int)
         Sense (+1, -1, 0 unknown) of the last motion of the hour angle and the declination axis: backlash.
     """

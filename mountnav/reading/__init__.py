@@ -106,10 +106,6 @@ def read_source(
     stars : ListFormat, optional
         How a list is to be read.
 
-    Returns
-    -------
-    Frame or StarList
-
     Raises
     ------
     BadFrame
@@ -147,10 +143,6 @@ def frame_from_array(
         What to call the frame.
     raw : bool
         As for `read_frame`.
-
-    Returns
-    -------
-    Frame
 
     Raises
     ------

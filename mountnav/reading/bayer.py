@@ -42,12 +42,9 @@ def is_mosaic(pixels: NDArray[np.generic], header: Mapping[str, str | int | floa
     Parameters
     ----------
     pixels : ndarray, shape (height, width)
+        The frame, ADU.
     header : mapping
         Values by keyword. Offsets (``XBAYROFF``, ``YBAYROFF``) are no matter: no phase is treated otherwise.
-
-    Returns
-    -------
-    bool
     """
     named = any(str(header.get(key, "")).strip().upper() in _PATTERNS for key in _PATTERN_CARDS)
     if pixels.dtype.kind == "f" and not named:
@@ -124,10 +121,12 @@ def without_mosaic(pixels: NDArray[np.generic]) -> NDArray[np.float32]:
     Parameters
     ----------
     pixels : ndarray, shape (height, width)
+        The frame, ADU.
 
     Returns
     -------
     ndarray of float32, shape (height, width)
+        The smoothed frame.
     """
     from scipy import ndimage  # expensive to import, and few frames are mosaics
 

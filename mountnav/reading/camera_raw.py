@@ -67,6 +67,7 @@ def read_camera_raw(content: Content, label: str) -> tuple[Pixels, dict[str, Val
     Parameters
     ----------
     content : bytes, bytearray or OnDisk
+        The file, in memory or where it lies on disk.
     label : str
         What to call it in messages.
 

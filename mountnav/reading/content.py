@@ -67,6 +67,7 @@ def stored(content: Content, kind: np.dtype[np.generic], count: int, start: int)
     Parameters
     ----------
     content : bytes, bytearray or OnDisk
+        The file, in memory or where it lies on disk.
     kind : dtype
         With its byte order.
     count, start : int

@@ -217,7 +217,6 @@ class Hdu:
         0 for the primary.
     start, data_start : int
         Offsets of header and data in the file.
-    cards : Cards
     data_length : int
         Bytes of the data, without padding; they may reach beyond the end of the file.
     shape : tuple of int
@@ -317,10 +316,6 @@ def chosen_hdu(hdus: list[Hdu], wanted: int | str | None, label: str) -> Hdu:
 
 def science_images(hdus: list[Hdu]) -> list[Hdu]:
     """The images of a file, without masks, weights and errors by their names, unless all are such.
-
-    Parameters
-    ----------
-    hdus : list of Hdu
 
     Returns
     -------

@@ -66,7 +66,6 @@ def require_bounded(table: BinTableHDU, data: bytes | bytearray, hdu: Hdu, label
         Its rows and heap.
     hdu : Hdu
         What its header says of the image.
-    label : str
 
     Raises
     ------

@@ -193,13 +193,8 @@ def fits_of_frame(
         WCS cards.
     header : mapping, optional
         Other cards that are to be kept (DATE-OBS, EXPTIME, ...); what tells how data are stored is left out.
-    history : sequence of str
     checksum : bool
         Write CHECKSUM and DATASUM.
-
-    Returns
-    -------
-    bytes
 
     Raises
     ------
@@ -255,7 +250,6 @@ def wcs_header(
         other file nothing is.
     hdu : int or str, optional
         Of that file.
-    history : sequence of str
     name : str
         What to call that file in messages.
 

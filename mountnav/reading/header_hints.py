@@ -56,7 +56,6 @@ class HeaderPosition:
 
     Attributes
     ----------
-    center : Icrs
     radius_deg : float
         How far off it may be.
     source : str
@@ -239,7 +238,6 @@ class HeaderScale:
 
     Attributes
     ----------
-    arcsec_px : float
     source : str
         The cards.
     others : tuple of float

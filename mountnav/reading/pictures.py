@@ -40,7 +40,6 @@ def read_picture(content: bytes, label: str) -> Pixels:
 
     Parameters
     ----------
-    content : bytes
     label : str
         What to call it in messages.
 

@@ -155,9 +155,9 @@ def read_star_list(content: Content, label: str, wanted: ListFormat | None = Non
     Parameters
     ----------
     content : bytes, bytearray or OnDisk
+        The file, in memory or where it lies on disk.
     label : str
         What to call it.
-    wanted : ListFormat, optional
 
     Returns
     -------
@@ -203,11 +203,11 @@ def star_list_of(
     Parameters
     ----------
     x, y : sequence of float, shape (n,)
+        Pixels, as the program counts them.
     flux : sequence of float, shape (n,), optional
         The larger, the brighter; magnitudes if `wanted` says ascending.
     wanted : ListFormat, optional
         Sizes, first pixel, direction of y, direction of the brightness.
-    label : str
 
     Returns
     -------

@@ -53,6 +53,7 @@ def unpacked(content: Content, label: str) -> Content:
     Parameters
     ----------
     content : bytes, bytearray or OnDisk
+        The file, in memory or where it lies on disk.
     label : str
         What to call it in messages.
 
@@ -96,7 +97,6 @@ def check_ratio(unpacked_bytes: int, packed_bytes: int, label: str) -> None:
     ----------
     unpacked_bytes, packed_bytes : int
         What it is said to become, and what there is.
-    label : str
 
     Raises
     ------

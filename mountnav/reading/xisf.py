@@ -86,14 +86,11 @@ def read_xisf(content: Content, label: str, wanted: int | str | None = None) -> 
     Parameters
     ----------
     content : bytes, bytearray or OnDisk
+        The file, in memory or where it lies on disk.
     label : str
         What to call it in messages.
     wanted : int or str, optional
         Number (0 is the first) or id of the image; without it the largest, the first among equals.
-
-    Returns
-    -------
-    XisfImage
 
     Raises
     ------

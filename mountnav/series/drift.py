@@ -222,6 +222,7 @@ def _serial_factor(z: Array, weight: Array) -> float:
     z : ndarray, shape (n, 2)
         Residuals in units of their errors.
     weight : ndarray, shape (n,)
+        One a residual.
 
     Returns
     -------

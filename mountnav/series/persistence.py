@@ -68,6 +68,7 @@ class Persistence:
         x_px, y_px : ndarray, shape (n,)
             In common pixels: moved by the frame's shift.
         flux : ndarray, shape (n,)
+            ADU.
         reach_px : float
             How near two sightings of one source lie.
 

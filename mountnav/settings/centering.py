@@ -90,7 +90,6 @@ class CenteringSettings(Section):
         Nearer to the pole than this a centering goes by offsets, never by syncs.
     moved_retries : int
         Frames taken again because the mount was still moving in one.
-    when_unsolved : UnsolvedSettings
     """
 
     tolerance_arcsec: float = Field(default=30.0, gt=0, le=3600)
@@ -117,8 +116,8 @@ class CenteringSettings(Section):
 
         Parameters
         ----------
-        exposure_s : float
         scale_arcsec_px : float or None
+            None: not known.
         scale_tolerance : float
             These are settings of the telescope.
         min_altitude_deg : float

@@ -34,7 +34,6 @@ class AlpacaSettings(_HandMotions):
 
     Attributes
     ----------
-    enabled : bool
     discovery : bool
         Whether programs that look for Alpaca devices find this one; it listens where the service does.
     discovery_port : int
@@ -119,7 +118,6 @@ class IndiServerSettings(_Door, _HandMotions):
 
     Attributes
     ----------
-    enabled : bool
     host, port
         Where it listens; port 0 takes any free one.
     open : bool
@@ -155,7 +153,6 @@ class Lx200ServerSettings(_OneTelescopesDoor):
 
     Attributes
     ----------
-    enabled : bool
     host, port
         Where it listens; port 0 takes any free one.
     open : bool
@@ -186,7 +183,6 @@ class StellariumSettings(_OneTelescopesDoor):
 
     Attributes
     ----------
-    enabled : bool
     host, port
         Where it listens; port 0 takes any free one.
     open : bool
@@ -222,7 +218,6 @@ class NovaSettings(_Port):
 
     Attributes
     ----------
-    enabled : bool
     host, port
         Where it listens; port 0 takes any free one.
     open : bool

@@ -39,7 +39,6 @@ class NightSettings(Section):
         Nothing is corrected by less than this.
     max_correction_arcsec : float
         Nothing is corrected by more than this: a person should look.
-    max_corrections_per_hour, max_corrections_per_night : int
     agree_arcsec : float
         How near two frames in a row must agree about what the mount is off, before it is corrected.
     frames_that_agree : int
@@ -69,7 +68,6 @@ class NightSettings(Section):
     safety_file : Path or None
         Its first word says whether it is safe (`safe`, `1`, `true`, `yes`) or not. A file that is missing or
         too old means it is not.
-    safety_max_age_s : float
     when_unsafe : {"pause", "park"}
         "pause" ends a correction that is under way, stops what it moved, and corrects nothing more until it
         is safe again; "park" parks besides.

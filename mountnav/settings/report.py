@@ -86,7 +86,6 @@ class ReportSettings(Section):
         Reports in the folder that are older are removed; 0 keeps all.
     retry_h : float
         So long an address that fails is tried again, hours.
-    webhook : tuple of WebhookSettings
     """
 
     folder: Path | None = None

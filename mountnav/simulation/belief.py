@@ -20,7 +20,6 @@ class Belief:
 
     Attributes
     ----------
-    start_s : float
     site : Site
         Where it believes to stand.
     ha_counts_deg, dec_counts_deg : float
@@ -31,7 +30,6 @@ class Belief:
         Its clock minus UTC at `clock_since_s`.
     clock_drift_ppm : float
         What that gains.
-    clock_since_s : float
     by_homing : bool
         It comes only if a homing under way ends.
     """

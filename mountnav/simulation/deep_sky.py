@@ -36,7 +36,6 @@ class DeepSky:
 
     Parameters
     ----------
-    seed : int
     bright : Catalog, optional
         The brighter stars; the embedded Tycho-2 if left out. The invented ones fill up what Tycho-2 lacks, so
         another catalog must go as deep.
@@ -76,10 +75,8 @@ class DeepSky:
 
         Parameters
         ----------
-        center : Icrs
         radius_deg : float
             Some degrees at most: a square degree holds 20,000 stars.
-        epoch_yr : float
         mag_limit : float, optional
             In the sky's band.
 
@@ -137,8 +134,6 @@ class DeepSky:
 
         Parameters
         ----------
-        center : Icrs
-        radius_deg : float
         faintest_mag : float, optional
             V.
         cells : ndarray of int64, optional
@@ -162,6 +157,7 @@ def g_mag(v_mag: Array, bv_mag: Array) -> Array:
     Parameters
     ----------
     v_mag, bv_mag : ndarray, shape (n,)
+        Johnson's V and B-V.
     """
     return np.asarray(v_mag - 0.04749 - 0.0124 * bv_mag - 0.2901 * bv_mag**2 + 0.02008 * bv_mag**3)
 
@@ -173,9 +169,6 @@ def moved_and_cut(stars: Stars, center: Icrs, radius_deg: float, epoch_yr: float
     ----------
     stars : Stars
         At their own epoch; those without proper motion stay.
-    center : Icrs
-    radius_deg : float
-    epoch_yr : float
 
     Returns
     -------

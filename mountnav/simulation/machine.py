@@ -51,7 +51,6 @@ class Machine:
         Whether homing finds the true home and puts the belief right.
     starts_at : {"zenith", "home", "park"}
         Where it stands when made (in the normal posture); at "park" it is parked.
-    tracks_at_start, tracks_at_boot, tracks_after_unpark : bool
     boots_believing : {"home", "kept"}
         After a reboot it takes itself to be at home; or it still knows, as with absolute encoders.
     remembers_park, remembers_sync, remembers_clock, remembers_site : bool

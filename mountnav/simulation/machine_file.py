@@ -51,12 +51,8 @@ class MachineFile:
 
     Attributes
     ----------
-    machine : Machine
-    errors : PointingErrors
     site : Site or None
         None when the file has no such table.
-    air : Air
-    clock_speed : float
     clock_start_utc : datetime or None
         None: now.
     """

@@ -149,7 +149,6 @@ class MechanicsMotors(MechanicsTruth):
 
         Parameters
         ----------
-        axis : {"ha", "dec"}
         past_target : bool
             A slew (also the present one) doesn't end at its target but goes on at its rate, until a stop
             is heeded; that ends the fault.

@@ -54,8 +54,6 @@ class Axis:
 
     Attributes
     ----------
-    path : AxisPath
-    goal : Goal
     arrives_s : float
         When the goal is reached; infinite when it won't be.
     stuck : bool
@@ -187,7 +185,6 @@ class Motion:
         What the limits will make of it, in order of time.
     beliefs : tuple of Belief
         In order of time, future ones at the end.
-    rate : TrackingRate
     custom_deg_s : (float, float)
         Custom rates as they were ordered: of the hour angle axis, and of declination (north positive).
     driven_deg_s : (float or None, float or None)

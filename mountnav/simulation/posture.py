@@ -66,7 +66,6 @@ def turned_near(axes: AxisAngles, near: AxisAngles, machine: Machine, shift_deg:
     ----------
     axes, near : (float, float)
         Motor angles; of a fork those nearest are taken, or the nearest within its limits.
-    machine : Machine
     shift_deg : float
         Believed minus motor angle of the hour angle axis, which the limits count in.
     """

@@ -19,7 +19,6 @@ class RotatorBehavior:
 
     Attributes
     ----------
-    rate_deg_s : float
     step_deg : float
         To which its angles are rounded.
     sense : {1, -1}
@@ -34,7 +33,6 @@ class RotatorBehavior:
         Here, by its own count, it is blocked.
     backlash_deg : float
         The camera is turned only after so much at each change of direction.
-    deaf_to_stop : bool
     """
 
     rate_deg_s: float = 3.0
@@ -53,7 +51,6 @@ class RotatorMechanics:
 
     Parameters
     ----------
-    clock : Clock
     starts_deg : float
         By its own count.
     zero_deg : float

@@ -23,7 +23,6 @@ def salted(bits: Bits, salt: int) -> Bits:
 
     Parameters
     ----------
-    bits : ndarray of uint64
     salt : int
         Any; negative ones too.
     """

@@ -65,13 +65,7 @@ class Listed:
 
 
 class SkyCatalog:
-    """A catalog of the invented sky. Implements `mountnav.catalog.stars.Catalog`.
-
-    Parameters
-    ----------
-    sky : DeepSky
-    kind : CatalogKind
-    """
+    """A catalog of the invented sky. Implements `mountnav.catalog.stars.Catalog`."""
 
     def __init__(self, sky: DeepSky, kind: CatalogKind) -> None:
         self._sky = sky
@@ -137,8 +131,6 @@ class SkyCatalog:
 
         Parameters
         ----------
-        center : Icrs
-        radius_deg : float
         cells : ndarray of int64, optional
             As for `DeepSky.rows`.
         """

@@ -90,11 +90,6 @@ def joined(parts: list[SkyRows]) -> SkyRows:
 def cells_near(center: Icrs, radius_deg: float) -> NDArray[np.int64]:
     """Cells that a cone may touch, and some more.
 
-    Parameters
-    ----------
-    center : Icrs
-    radius_deg : float
-
     Returns
     -------
     ndarray of int64
@@ -116,7 +111,6 @@ def invented(cells: NDArray[np.int64], seed: int, faintest_mag: float) -> SkyRow
     ----------
     cells : ndarray of int64
         Nested HEALPix numbers at `NSIDE`.
-    seed : int
     faintest_mag : float
         V, at most `FAINTEST_MAG`.
 
@@ -211,6 +205,7 @@ def shifted(ra_deg: Array, dec_deg: Array, east_arcsec: Array, north_arcsec: Arr
     Parameters
     ----------
     ra_deg, dec_deg, east_arcsec, north_arcsec : ndarray, shape (n,)
+        Positions, and how far they are to be moved.
     """
     across = motion_vectors(ra_deg, dec_deg, east_arcsec * 1000.0, north_arcsec * 1000.0)  # of one year
     return places(unit_vectors(ra_deg, dec_deg) + across)

@@ -11,12 +11,10 @@ class CatalogKind:
 
     Attributes
     ----------
-    name
     band
         Of its magnitudes.
     color_share
         Magnitude in the band = V minus so many times B-V; ignored for "G".
-    color_name
     color_factor
         The catalog's own color index is so many times B-V.
     epoch_yr
@@ -33,7 +31,6 @@ class CatalogKind:
         False stars per true one.
     without_motion
         Share of the stars that have no proper motion.
-    mag_error
     error_mags, sigma_mas, sigma_pm_mas_yr
         Errors per coordinate at magnitudes between which the logarithm runs evenly.
     """

@@ -72,9 +72,6 @@ class SkyScript:
 
     Attributes
     ----------
-    seed : int
-    clouds : tuple of Cloud
-    incidents : tuple of Incident
     satellite_every : int
         Every so many frames one has a satellite's trail across it; 0: none.
     false_share : float

@@ -41,10 +41,8 @@ class SeenThrough:
 
     Attributes
     ----------
-    width_px, height_px : int
     scale_arcsec_px : float
         The true one, whatever the settings say.
-    parity : int
     sigma_px : float
         One-sigma error per coordinate of a solved center, in pixels.
     usual_exposure_s : float
@@ -72,7 +70,6 @@ class SkySeen:
         Clouds, poor fields, wrong solutions.
     clock : Clock
         In whose time a solve takes its time.
-    through : SeenThrough, optional
     began_utc : datetime, optional
         When the script began; now if None.
     whole_sky : bool

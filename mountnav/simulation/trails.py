@@ -183,7 +183,6 @@ def centers_during(
         At mid-exposure.
     drift_arcsec_s : (float, float)
         Rate of the optical axis, east and north (true angles); the stars' images go the other way.
-    exposure_s : float
     scale_arcsec_px, sigma_px : float
         Scale, and sigma of a star's image: instants are half a sigma apart.
 

@@ -124,12 +124,7 @@ class _Jumping(selectors.BaseSelector):
 
 
 class VirtualLoop(asyncio.SelectorEventLoop):
-    """An event loop in the time of a `VirtualClock`; nothing outside of it can wake it.
-
-    Parameters
-    ----------
-    clock : VirtualClock
-    """
+    """An event loop in the time of a `VirtualClock`; nothing outside of it can wake it."""
 
     def __init__(self, clock: VirtualClock) -> None:
         self._clock = clock

@@ -105,16 +105,12 @@ class NamedObject:
 
     Attributes
     ----------
-    name : str
-    kind : {"star", "messier", "planet", "moon", "sun"}
     aliases : tuple of str
         Other names and designations.
     mag : float or None
         Visual; None where it changes.
     place : Icrs or None
         At `epoch_yr`; None for what wanders.
-    epoch_yr : float
-    pm_ra_cosdec_masyr, pm_dec_masyr, parallax_mas : float
     """
 
     name: str

@@ -131,7 +131,6 @@ def seen_from(
         The body's place from the barycenter of the solar system, km; TDB as a two-part Julian date.
     utc : datetime
         Aware.
-    site : Site
     earth_km : ndarray, shape (3,), optional
         The Earth's center by the same source as the body; by the ephemeris in use if not given. The
         barycenters of DE440 and of ERFA's formulas lie 100 km apart, which is 1′ at the Moon.
@@ -140,7 +139,6 @@ def seen_from(
     -------
     vector_km : ndarray, shape (3,)
         From the observer now to where the body was when the light left.
-    light_s : float
     """
     now = instant(utc)
     earth = earth_barycentric_km(utc)[0] if earth_km is None else earth_km

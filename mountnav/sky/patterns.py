@@ -39,7 +39,6 @@ class Panel:
         From 1, in the order in which they are visited.
     column, row : int
         From 1, from the left and from above as the pattern is drawn; 0 of a pattern that is no grid.
-    place : Icrs
     position_angle_deg : float
         Of the pattern's own upward direction there: so each panel's image must stand to fit to the others.
     """
@@ -56,7 +55,6 @@ class Pattern:
 
     Parameters
     ----------
-    center : Icrs
     position_angle_deg : float
         Of its upward direction at the center.
     """
@@ -74,7 +72,6 @@ class Pattern:
 
         Returns
         -------
-        place : Icrs
         position_angle_deg : float
             Of the pattern's meridian there.
         """

@@ -64,11 +64,6 @@ def position_of_body(name: str, utc: datetime, site: Site) -> Icrs:
         One of `BODIES` or `SATELLITES`.
     utc : datetime
         Aware.
-    site : Site
-
-    Returns
-    -------
-    Icrs
 
     Raises
     ------

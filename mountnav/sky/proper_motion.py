@@ -37,17 +37,10 @@ def moved_to(
 
     Parameters
     ----------
-    place : Icrs
-    utc : datetime
     epoch_yr : float
         Julian year of `place`.
     pm_ra_cosdec_masyr, pm_dec_masyr : float
         On the sphere, mas a year.
-    parallax_mas : float
-
-    Returns
-    -------
-    Icrs
 
     Raises
     ------

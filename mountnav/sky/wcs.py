@@ -53,6 +53,7 @@ def places_at_pixels(cards: Mapping[str, object], x_px: Array, y_px: Array) -> t
     cards : mapping
         CRPIX (1-based), CRVAL, CD, and A_/B_ or PV2_ terms if any.
     x_px, y_px : ndarray, shape (n,)
+        Pixels, 0-based: the middle of the first pixel is (0, 0).
 
     Returns
     -------

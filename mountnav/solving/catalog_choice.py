@@ -38,7 +38,6 @@ def catalogs_for(
         A plain one is the only choice.
     frame : Frame
         For its size.
-    blind : {"after", "only", "never"}
     epoch_yr : float
         Julian year of the frame.
 

@@ -63,7 +63,6 @@ class SpecialFrame:
 
     Attributes
     ----------
-    frame : Frame
     widened : callable
         A hint for the frame as it was, made into one for this.
     back : callable
@@ -85,10 +84,6 @@ def special_frame(frame: Frame) -> SpecialFrame | None:
     ----------
     frame : Frame
         Calibrated and without a mosaic.
-
-    Returns
-    -------
-    SpecialFrame or None
     """
     if _from_0_to_1(frame.pixels):
         return _in_steps(frame)

@@ -67,13 +67,10 @@ class WideField:
 
     Attributes
     ----------
-    fit : LensFit
     measurements : Measurements
         Those its pairs point into.
-    false_probability : float
     blind : bool
         Found over the whole sky.
-    detail : str
     """
 
     fit: LensFit
@@ -130,7 +127,6 @@ def solve_middle(
     ----------
     pixels : ndarray or None
         Of the whole frame, against which the middle is held; None where only a list is at hand.
-    catalog : Catalog
     reach : Reach
         With the hypotheses that were tried for this frame before: the odds count them.
     budget_s : float

@@ -84,7 +84,6 @@ class Defined:
 
     Attributes
     ----------
-    kind : {"Text", "Number", "Switch", "Light", "BLOB"}
     perm : str
         "ro", "wo", "rw"; lights have none.
     rule : str

@@ -29,7 +29,6 @@ class Property:
 
     Attributes
     ----------
-    kind : {"Text", "Number", "Switch", "Light", "BLOB"}
     state : State
         The driver's claim.
     values : dict

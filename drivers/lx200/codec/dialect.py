@@ -153,9 +153,13 @@ class Dialect:
     keys : MotionKeys, optional
         Where its axes can be moved on by hand, at speeds that are known.
     read_clock : callable (Ask) -> awaitable datetime or None, optional
+        None: the dialect can't.
     write_clock : callable (utc) -> tuple of Order, optional
+        None: the dialect can't.
     read_site : callable (Ask) -> awaitable Site or None, optional
+        None: the dialect can't.
     write_site : callable (Site) -> tuple of Order, optional
+        None: the dialect can't.
     destination_side : callable (Ask) -> awaitable PierSide or None, optional
         Asked after the target was set; must not move.
     fresh : callable (Ask) -> awaitable bool, optional

@@ -90,7 +90,9 @@ class DescribedCamera:
     exposure_s : float
         Of a usual frame.
     width_px, height_px : int or None
+        None: not known.
     scale_arcsec_px : float or None
+        None: not known.
     limiting_mag : float or None
         Faintest star of a usual frame.
     folder : Path or None
@@ -154,11 +156,6 @@ def camera_facts(camera: DescribedCamera) -> CameraFacts:
 
 def estimated_depth_mag(scale_arcsec_px: float, exposure_s: float) -> float:
     """Magnitude that an ordinary camera of this scale measures.
-
-    Parameters
-    ----------
-    scale_arcsec_px : float
-    exposure_s : float
 
     Returns
     -------

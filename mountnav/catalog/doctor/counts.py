@@ -112,12 +112,7 @@ class SampleFields:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """The band of declinations that a telescope reaches; the sky beyond never rises high enough.
-
-    Attributes
-    ----------
-    low_dec_deg, high_dec_deg : float
-    """
+    """The band of declinations that a telescope reaches; the sky beyond never rises high enough."""
 
     low_dec_deg: float = -90.0
     high_dec_deg: float = 90.0
@@ -153,8 +148,6 @@ def spread_fields(reach: Reach, count: int = SAMPLE_FIELDS, first: int = FIRST) 
 
     Parameters
     ----------
-    reach : Reach
-    count : int
     first : int
         So many of them, spread over all of the band again, come first.
 
@@ -271,15 +264,10 @@ def counted(
     ----------
     catalog : Catalog
         On this machine.
-    frame : FrameSize
     places, pole, plane : SampleFields
         From `mountnav.catalog.doctor.counts`.
     epoch_yr : float
         Julian year.
-
-    Returns
-    -------
-    Counted
     """
     covered = np.array([_covers(catalog, frame, at) for at in _centers(places)], dtype=np.bool_)
     first = np.flatnonzero(covered[:FIRST])
@@ -318,8 +306,6 @@ def modeled(
         How deep it is complete, as a V magnitude.
     densest_deg2 : float or None
         If it was thinned out to so many stars per square degree, the brightest first.
-    frame : FrameSize
-    places, pole, plane : SampleFields
 
     Returns
     -------
@@ -351,6 +337,7 @@ def failing_near(means: ArrayLike) -> Array:
     Parameters
     ----------
     means : array_like
+        Stars that the model expects in the frame.
 
     Returns
     -------
@@ -378,12 +365,8 @@ def stars_in_frame(
 
     Parameters
     ----------
-    catalog : Catalog
-    frame : FrameSize
-    center : Icrs
     rotation_deg : float
         Position angle of the frame's +y axis.
-    epoch_yr : float
     mag_limit : float, optional
         Instead of the frame's depth.
 

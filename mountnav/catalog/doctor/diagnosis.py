@@ -76,10 +76,11 @@ class CameraFacts:
     frame : FrameSize or None
         None when size or scale can't be told.
     width_px, height_px : int or None
+        None: not known.
     scale_arcsec_px : float or None
+        None: not known.
     size_from, scale_from, depth_from : str
         Where each comes from, for people.
-    depth_is_estimate : bool
     problem : str or None
         What is missing, and what to set.
     """
@@ -102,7 +103,6 @@ class Check:
 
     Attributes
     ----------
-    name, slug : str
     is_here : bool
         Its stars were counted; else they are the model's.
     stars : int
@@ -116,7 +116,6 @@ class Check:
         Of the reachable sky: what the catalog has no sky for.
     places : int
         Number of fields that were looked at.
-    known : ObtainableCatalog or None
     """
 
     name: str
@@ -143,7 +142,6 @@ class Diagnosis:
 
     Attributes
     ----------
-    camera : CameraFacts
     reach : Reach
         The sky that counts.
     here : tuple of Check
@@ -235,18 +233,12 @@ def sentences(
 
     Parameters
     ----------
-    camera : CameraFacts
-    frame : FrameSize
     remedies : sequence of Check
         From `remedies_among`.
     places : SampleFields
         Of the reachable sky.
     reach : Reach
         The same as declinations.
-
-    Returns
-    -------
-    tuple of str
     """
     told: list[str] = []
     suffices = bool(remedies) and remedies[0].fails_share < SUFFICIENT
@@ -280,7 +272,6 @@ def advice_for(
 
     Parameters
     ----------
-    field_width_deg, field_height_deg : float
     depth_mag : float
         Faintest star that the camera measures.
     center : Icrs or None
@@ -467,7 +458,6 @@ def diagnose(
 
     Parameters
     ----------
-    camera : CameraFacts
     reach : Reach
         Percentages are of this part of the sky.
     stores : sequence of NamedCatalog

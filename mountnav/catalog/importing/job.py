@@ -121,7 +121,6 @@ def compare_with_source(
     ----------
     store : PackedStore
         The new file.
-    reader : Reader
     parts : sequence of Part
         All that went in.
     selection : Selection
@@ -212,15 +211,10 @@ def import_catalog(
 
     Parameters
     ----------
-    order : ImportOrder
     tell : callable
         Told how far it is, several times a second at most where there is much to read.
     note : callable
         Told, in a sentence, what people may want to know.
-
-    Returns
-    -------
-    Imported
 
     Raises
     ------

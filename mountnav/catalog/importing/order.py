@@ -44,6 +44,7 @@ class Selection:
     mag_limit : float, optional
         Faintest magnitude in the catalog's band, inclusive; stars without one are left out.
     center : Icrs, optional
+        None: the whole sky.
     radius_deg : float, optional
         With `center`: how far the stars may be from it at the catalog's epoch.
     dec_range_deg : (float, float), optional
@@ -185,7 +186,6 @@ class ImportProgress:
         "reading", "packing" (sorting and writing), "checking".
     share : float
         Of the stage, 0 to 1.
-    parts_done, parts : int
     bytes_done, size_bytes : int
         Of the source, as far as it is read.
     stars : int
@@ -209,7 +209,6 @@ class Imported:
     ----------
     path : Path
         The packed file.
-    header : Header
     parts : int
         How many were read, earlier runs included.
     resumed : int
@@ -278,7 +277,6 @@ class ImportRecord:
 
         Parameters
         ----------
-        earlier : ImportRecord
         done : collection of str
             Names of the parts that are in.
 

@@ -17,15 +17,10 @@ def open_online(source: OnlineSource, *, behind: Catalog | None, cache: Path | N
 
     Parameters
     ----------
-    source : OnlineSource
     behind : Catalog or None
         Whose stars are taken where this one has none.
     cache : Path, optional
         Without it the user's cache: $MOUNTNAV_CACHE and so on.
-
-    Returns
-    -------
-    OnlineCatalog
     """
     if cache is None:
         cache = cache_folder()

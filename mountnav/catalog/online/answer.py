@@ -36,12 +36,10 @@ class Column:
 
     Attributes
     ----------
-    name : str
     ucd : str
         Lower case; empty if it has none.
     unit : str
         As written.
-    description : str
     epoch_yr : float or None
         Of the coordinate system it refers to.
     frame : str
@@ -72,7 +70,6 @@ def columns_of(got: Got, *, asked_rows: int) -> tuple[Column, ...]:
 
     Parameters
     ----------
-    got : Got
     asked_rows : int
         The most rows asked for: as many are taken for a cut answer.
 
@@ -263,8 +260,6 @@ class Roles:
     ----------
     values : dict
         Role to values; an absent role has no entry. Lengths mas, years yr, places deg.
-    band : str
-    color_name : str
     epoch_yr : float
         Julian year of the positions.
     by_name : dict
@@ -288,11 +283,6 @@ def roles_of(columns: Sequence[Column], source: OnlineSource) -> Roles:
     ----------
     columns : sequence of Column
         At least one.
-    source : OnlineSource
-
-    Returns
-    -------
-    Roles
 
     Raises
     ------

@@ -47,7 +47,6 @@ class Failure:
 
     Attributes
     ----------
-    why : str
     until : float
         By `time.monotonic`: when it may be asked again.
     rest_s : float
@@ -199,10 +198,8 @@ class CachedTiles:
 
     Attributes
     ----------
-    tiles, stars : int
     area_deg2 : float
         How much of the sky that is, larger and smaller tiles of the same place counted twice.
-    size_bytes : int
     oldest, newest : str
         Days, "2026-08-01"; empty if there are none.
     """
@@ -222,7 +219,6 @@ class OnlineCatalog:
 
     Parameters
     ----------
-    source : OnlineSource
     cache : Path
         The user's cache folder.
     behind : Catalog or None
@@ -261,7 +257,6 @@ class OnlineCatalog:
 
         Parameters
         ----------
-        center : Icrs
         radius_deg : float
             0 to 180.
         epoch_yr : float
@@ -322,7 +317,6 @@ class OnlineCatalog:
 
         Parameters
         ----------
-        center : Icrs
         radius_deg : float
             Up to 30.
         mag_limit : float, optional

@@ -78,9 +78,6 @@ def fetch(
 
     Parameters
     ----------
-    source : OnlineSource
-    cache : TileCache
-    tiles : sequence of Tile
     mag_limit : float or None
         To which magnitude.
     timeout_s : float

@@ -82,7 +82,6 @@ class Circle:
     ----------
     ra_deg, dec_deg : float
         ICRS.
-    radius_deg : float
     """
 
     ra_deg: float
@@ -95,8 +94,6 @@ def question(source: OnlineSource, circle: Circle, mag_limit: float | None) -> s
 
     Parameters
     ----------
-    source : OnlineSource
-    circle : Circle
     mag_limit : float or None
         Only stars to this magnitude; what the service or the table can't limit is cut later.
 
@@ -226,7 +223,6 @@ class Got:
     ----------
     status : int
         Of HTTP.
-    content_type : str
     body : bytes
         Unpacked.
     """
@@ -257,8 +253,6 @@ def get(client: httpx.Client, url: str, *, end: float) -> Got:
 
     Parameters
     ----------
-    client : httpx.Client
-    url : str
     end : float
         By `time.monotonic`: when it must be here. A server that sends its headers byte by byte may be waited
         for longer, so a caller that must not wait asks from a thread, see `mountnav.catalog.online.fetching`.

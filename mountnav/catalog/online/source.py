@@ -41,11 +41,8 @@ class FlagRule:
 
     Attributes
     ----------
-    column : str
     test : {"above", "below", "in", "has"}
         "has": the text contains `value`.
-    value : float, tuple of float or str
-    flag : StarFlag
     """
 
     column: str
@@ -60,7 +57,6 @@ class KnownTable:
 
     Attributes
     ----------
-    band, color_name : str
     epoch_yr : float
         Julian year of the positions.
     faintest_mag : float
@@ -71,7 +67,6 @@ class KnownTable:
         ``color_red`` (the color is their difference), ``e_total`` (error of both coordinates together).
     may_lack : frozenset of str
         Columns that a server needn't have; never asked for by TAP, where an unknown column is an error.
-    flags : tuple of FlagRule
     limit_column : str
         The column by which the server can be asked for bright stars only; empty if that would lose stars.
     other_shift_mag : float
@@ -315,14 +310,13 @@ class OnlineSource:
     ----------
     name : str
         What provenance and commands call it.
-    protocol : {"vizier", "cone", "tap"}
     url : str
         Base address of the service.
-    table : str
     columns : mapping
         Role of `COLUMN_ROLES` to column, with its unit in brackets where the
         service doesn't tell it: ``"pmRA [mas/yr]"``; empty: not used.
     band : str or None
+        None: the table's own.
     epoch_yr : float or None
         Julian year of the positions.
     sigma_mas : float or None

@@ -45,7 +45,6 @@ class Received:
 
     Attributes
     ----------
-    columns : CatalogColumns
     without_place, doubled : int
         Rows that were left out.
     """
@@ -60,14 +59,8 @@ def stars_of(roles: Roles, source: OnlineSource, circle: Circle) -> Received:
 
     Parameters
     ----------
-    roles : Roles
-    source : OnlineSource
     circle : Circle
         Where they were asked for.
-
-    Returns
-    -------
-    Received
 
     Raises
     ------

@@ -123,7 +123,6 @@ class Tile:
         ----------
         axis : ndarray, shape (3,)
             Unit vector of the cone's center.
-        radius_deg : float
         """
         # its points stand a 16th of a side apart: no place of the edge is farther from one than half that
         slack_deg = np.degrees(1.1 * np.sqrt(4.0 * np.pi / (12 * self.nside**2)) / _EDGE_POINTS)
@@ -141,7 +140,6 @@ def tiles_of(axis: Array, radius_deg: float, level: int) -> list[Tile]:
     ----------
     axis : ndarray, shape (3,)
         Unit vector of the cone's center.
-    radius_deg : float
     level : int
         `SMALLEST_LEVEL` to `LARGEST_LEVEL`.
 
@@ -224,7 +222,6 @@ class Record:
 
     Attributes
     ----------
-    level, pixel : int
     source : str
         Name of the catalog.
     table, asked : str
@@ -233,9 +230,6 @@ class Record:
         To which it was fetched; None: all the table has.
     fetched_utc : str
         ISO 8601.
-    epoch_yr : float
-    band, color_name : str
-    stars : int
     left_out : int
         Rows without a position, or twice there.
     file : str
@@ -296,7 +290,6 @@ class TileCache:
     ----------
     cache : Path
         The user's cache folder; it need not exist.
-    source : OnlineSource
     """
 
     def __init__(self, cache: Path, source: OnlineSource) -> None:
@@ -504,7 +497,6 @@ def cached_area(
 
     Parameters
     ----------
-    cache : TileCache
     tiles : sequence of Tile
         Of one level, covering the area.
     mag_limit : float or None
@@ -513,10 +505,6 @@ def cached_area(
         Whether a smaller tile is needed too.
     max_age_days : float
         Older ones are stale.
-
-    Returns
-    -------
-    AtHand
     """
     found: dict[Tile, Record] = {}
     damaged: set[Tile] = set()

@@ -54,7 +54,6 @@ class CompanionColors:
 
     Attributes
     ----------
-    path
     color_name
         "B-V".
     zero_mag, step_mag
@@ -158,7 +157,6 @@ def write_companion(
         Its header.
     color_mag : ndarray, shape (count,)
         In the order of the file; NaN where unknown. What has no place in a byte becomes unknown.
-    color_name : str
     zero_mag, step_mag : float
         Color index of raw value 0, and of the step to the next.
 

@@ -57,7 +57,6 @@ class Contents:
     ----------
     sampled : int
         By how many stars the rest is told.
-    sky_share : float
     with_motion : float
         Share of the stars with a proper motion.
     with_color : float
@@ -78,7 +77,6 @@ def contents(store: PackedStore, *, epoch_yr: float) -> Contents:
 
     Parameters
     ----------
-    store : PackedStore
     epoch_yr : float
         Of the errors.
 

@@ -71,6 +71,7 @@ def classify(curve: Array) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     Returns
     -------
     code : ndarray of uint8, shape (n,)
+        Class of each star.
     classes : ndarray of float32, shape (k, 3)
         Sigma at the mean epoch [mas], mean epoch [yr], sigma of the proper motion [mas/yr]; k <= 256.
     """
@@ -153,6 +154,7 @@ def unknown_motion_mas_yr(mag: Array) -> Array:
     Parameters
     ----------
     mag : ndarray, shape (n,)
+        V magnitudes.
 
     Returns
     -------
@@ -223,6 +225,7 @@ class ErrorCells:
         Parameters
         ----------
         curve : ndarray, shape (n, 3)
+            Sigma against time of each star, from `error_curve`.
         """
         found, counts = np.unique(cells(curve), return_counts=True)
         self.counts[found] += counts.astype(np.uint32)
@@ -290,10 +293,12 @@ class CellClasses:
         Parameters
         ----------
         curve : ndarray, shape (n, 3)
+            Sigma against time of each star, from `error_curve`.
 
         Returns
         -------
         ndarray of uint8, shape (n,)
+            Number of the class.
         """
         code: NDArray[np.uint8] = self.code[cells(curve)]
         numbers = np.concatenate((np.arange(self.count), code))
@@ -309,6 +314,7 @@ class CellClasses:
         Returns
         -------
         ndarray of float32, shape (k, 3)
+            A row a class.
         """
         means = self.sums[:, :3] / np.maximum(self.sums[:, 3:], 1.0)
         return np.array([class_parameters(mean) for mean in means], dtype=CLASS).reshape(-1, 3)

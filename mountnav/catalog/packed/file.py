@@ -49,8 +49,6 @@ class PackedFile:
 
     Attributes
     ----------
-    path
-    header
     start
         Where the sections begin, bytes.
     offsets
@@ -82,10 +80,6 @@ class PackedFile:
     @classmethod
     def open(cls, path: Path) -> tuple[PackedFile, PackedFile]:
         """Map a file.
-
-        Parameters
-        ----------
-        path : Path
 
         Returns
         -------

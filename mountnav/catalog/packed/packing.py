@@ -106,10 +106,6 @@ def require_writable(columns: CatalogColumns) -> None:
 def raw_stars(columns: CatalogColumns) -> Raw:
     """Round to the steps of the packed form.
 
-    Parameters
-    ----------
-    columns : CatalogColumns
-
     Returns
     -------
     ndarray of RAW, shape (n,)
@@ -174,12 +170,14 @@ def sorted_order(raw: Raw, nside: int) -> Indices:
     Parameters
     ----------
     raw : ndarray of RAW, shape (n,)
+        Stars in any order.
     nside : int
         Of the pixels.
 
     Returns
     -------
     ndarray of int, shape (n,)
+        Indices into `raw`.
     """
     first = (pixels_of(raw, nside) << 16) | raw["mag"]
     order: Indices = np.argsort(first)
@@ -260,8 +258,6 @@ class PackedWriter:
     ----------
     path : Path
         The file to write; replaced only when the new one is complete and safely on the disk.
-    facts : PackedFacts
-    shape : PackedShape
 
     Raises
     ------
@@ -350,10 +346,6 @@ class PackedWriter:
 
     def finish(self, classes: NDArray[np.float32]) -> Header:
         """Write what is known only now, and give the file its name.
-
-        Parameters
-        ----------
-        classes : ndarray of float32, shape (class_count, 3)
 
         Returns
         -------
@@ -462,10 +454,6 @@ class PackedWriter:
 def sync_folder(folder: Path) -> None:
     """Make the names in a folder durable.
 
-    Parameters
-    ----------
-    folder : Path
-
     Raises
     ------
     OSError
@@ -523,10 +511,8 @@ def pack(
 
     Parameters
     ----------
-    columns : CatalogColumns
     path : Path
         The file to write; replaced only when the new one is complete.
-    name, band : str
     epoch_yr : float
         Julian year of the positions.
     nside : int

@@ -169,12 +169,7 @@ class PixelChoice:
 
 
 def largest_pixel_radius_rad(nside: int) -> float:
-    """Largest distance of a pixel's corner from its center [HEALPix, `max_pixrad`], with 1 % to spare.
-
-    Parameters
-    ----------
-    nside : int
-    """
+    """Largest distance of a pixel's corner from its center [HEALPix, `max_pixrad`], with 1 % to spare."""
     center_z, corner_z = 2.0 / 3.0, 1.0 - (1.0 - 1.0 / nside) ** 2 / 3.0
     center = unit_vectors(45.0 / nside, float(np.degrees(np.arcsin(center_z))))
     corner = unit_vectors(0.0, float(np.degrees(np.arcsin(corner_z))))
@@ -244,7 +239,6 @@ class Coverage:
         ----------
         offsets : ndarray, shape (12 nside² + 1,)
             First star of each pixel, and the count; read only where a fine look pays.
-        nside : int
         coarse : ndarray
             The same at min(nside, 64).
         """
@@ -275,7 +269,6 @@ class Coverage:
         ----------
         axis : ndarray, shape (3,)
             Unit vector of the center.
-        radius_rad : float
         """
         if self.occupied.size == 12 * self.nside**2:
             return True

@@ -67,7 +67,6 @@ class SpooledPart:
 
     Attributes
     ----------
-    path : Path
     name : str
         Of the part.
     runs : tuple of int
@@ -92,10 +91,6 @@ class SpooledPart:
     @classmethod
     def at(cls, path: Path) -> SpooledPart | None:
         """Look at a part's file.
-
-        Parameters
-        ----------
-        path : Path
 
         Returns
         -------
@@ -126,10 +121,12 @@ class SpooledPart:
         Parameters
         ----------
         keys : ndarray, shape (m,)
+            Keys that the runs are sorted by.
 
         Returns
         -------
         ndarray, shape (runs, m)
+            Counts: a row a run, a column a key.
         """
         result = np.zeros((len(self.runs), keys.size), dtype=np.int64)
         if not self.runs:
@@ -148,10 +145,6 @@ class SpooledPart:
         ----------
         first, end : ndarray, shape (runs,)
             Stars first[k] to end[k] - 1 of run k.
-
-        Returns
-        -------
-        list of ndarray of RAW
 
         Raises
         ------
@@ -190,16 +183,6 @@ def part_path(folder: Path, name: str) -> Path:
 
 def write_part(folder: Path, name: str, chunks: Iterable[CatalogColumns]) -> SpooledPart:
     """Write a part; it is durable when this returns, and leaves nothing when it doesn't.
-
-    Parameters
-    ----------
-    folder : Path
-    name : str
-    chunks : iterable of CatalogColumns
-
-    Returns
-    -------
-    SpooledPart
 
     Raises
     ------
@@ -369,7 +352,6 @@ def sorted_pieces(
 
     Parameters
     ----------
-    parts : list of SpooledPart
     coarse : Cut
         At the pixels of `FIRST_CUT_NSIDE`.
     nside : int
@@ -447,7 +429,6 @@ class Spool:
         ----------
         folder : Path
             Of the spool alone; made if it isn't there.
-        facts : PackedFacts
 
         Raises
         ------
@@ -542,7 +523,6 @@ class Spool:
 
         Parameters
         ----------
-        path : Path
         progress : callable, optional
             Told the share that is done, 0 to 1.
         nside : int, optional

@@ -103,7 +103,6 @@ class FastStars:
         ----------
         axis : ndarray, shape (3,)
             Unit vector of the center.
-        radius_rad, years : float
         """
         fastest_rad = float(np.sqrt((self.motions**2).sum(axis=0).max(initial=0.0))) * abs(years)
         if radius_rad + fastest_rad < np.pi / 2:
@@ -181,7 +180,6 @@ class PackedStore:
 
         Parameters
         ----------
-        center : Icrs
         radius_deg : float
             0 to 180.
         epoch_yr : float
@@ -248,7 +246,6 @@ class PackedStore:
 
         Parameters
         ----------
-        center : Icrs
         radius_deg : float
             0 to 180.
 

@@ -69,11 +69,8 @@ class FitsTable:
 
     Attributes
     ----------
-    path : Path
     cards : Cards
         Its header.
-    columns : tuple of FitsColumn
-    row_bytes, rows : int
     data_at : int
         Offset of the first row.
     """
@@ -92,7 +89,6 @@ class FitsTable:
         ----------
         wanted : dict
             Columns by the names that the fields of the answer shall have.
-        first, end : int
 
         Returns
         -------
@@ -132,7 +128,6 @@ def numbers(stored: NDArray[Any], column: FitsColumn) -> Array:
     ----------
     stored : ndarray, shape (n,)
         A field of `FitsTable.read`.
-    column : FitsColumn
 
     Returns
     -------
@@ -168,10 +163,6 @@ def texts(stored: NDArray[Any]) -> NDArray[np.str_]:
 
 def fits_tables(path: Path) -> tuple[Cards, list[FitsTable]]:
     """Look over a FITS file: every header is read, no data.
-
-    Parameters
-    ----------
-    path : Path
 
     Returns
     -------

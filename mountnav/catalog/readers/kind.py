@@ -140,7 +140,6 @@ class CatalogKind:
         What commands call it: ``mountnav catalog import NAME PATH``.
     files : str
         For people: which files these are.
-    credit : Credit
     open : callable
         Opens the file, or the folder that holds the files, as a `Reader`; raises `BadCatalog` if it isn't of
         this kind. Imports the reader only then.

@@ -51,15 +51,6 @@ class Zone:
 def record_count(path: Path, record: np.dtype[np.void]) -> int:
     """How many records a file holds.
 
-    Parameters
-    ----------
-    path : Path
-    record : dtype
-
-    Returns
-    -------
-    int
-
     Raises
     ------
     BadCatalog
@@ -88,10 +79,8 @@ def records_in_order(
 
     Parameters
     ----------
-    path : Path
     record : dtype
         With fields ``ra`` and ``spd``.
-    zone : Zone
     bound : callable, optional
         Which records of a chunk must be in the zone and in order; all if left out. The others need only
         have possible coordinates.
@@ -101,6 +90,7 @@ def records_in_order(
     first : int
         Number of the chunk's first record in the file, from 0.
     records : ndarray of `record`, shape (n,)
+        One chunk.
 
     Raises
     ------

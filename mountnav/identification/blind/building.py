@@ -81,6 +81,7 @@ def make_levels(vectors: Array, mag: Array, count: int) -> list[Level]:
     vectors : ndarray, shape (n, 3)
         Unit vectors, ICRS.
     mag : ndarray, shape (n,)
+        Magnitudes, in the catalog's order.
     count : int
         How many levels.
 

@@ -189,6 +189,7 @@ def pack(stars: Index) -> tuple[NDArray[np.uint64], NDArray[np.bool_]]:
     Returns
     -------
     packed : ndarray of uint64, shape (k,)
+        One number a quad.
     fits : ndarray of bool, shape (n,)
         Which of them are packed: those whose numbers lie near enough to each other.
     """

@@ -87,6 +87,7 @@ class Grid:
         Parameters
         ----------
         ra_deg, dec_deg, radius_deg : ndarray, shape (n,)
+            The circles, ICRS.
 
         Returns
         -------
@@ -296,6 +297,7 @@ class BlindIndex:
         Parameters
         ----------
         ra_deg, dec_deg, radius_deg : ndarray, shape (n,)
+            The circles, ICRS.
 
         Returns
         -------

@@ -73,6 +73,7 @@ class CatalogRows:
         Parameters
         ----------
         rows : ndarray of int, shape (n,)
+            Rows of the index' stars.
         epoch_yr : float
             Julian year.
 
@@ -141,11 +142,14 @@ class IndexedStars:
         axis : ndarray, shape (n, 3)
             Unit vectors of the circles' centers.
         radius_rad : ndarray, shape (n,)
+            Radius of each circle.
 
         Returns
         -------
         circle, star : ndarray of int, shape (m,)
+            One pair for each star in a circle.
         vectors : ndarray, shape (m, 3)
+            Directions of these stars.
         """
         ra_deg, dec_deg = places(axis.T)
         circle, star = self.index.around(level, ra_deg, dec_deg, np.degrees(radius_rad))
@@ -165,10 +169,12 @@ class IndexedStars:
         Parameters
         ----------
         star : ndarray of int, shape (k,)
+            Rows of the index' stars.
 
         Returns
         -------
         ra_deg, dec_deg : ndarray, shape (k,)
+            ICRS.
         """
         vectors = self.vectors(star)
         axis = vectors.mean(axis=0)

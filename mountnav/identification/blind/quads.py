@@ -167,6 +167,7 @@ def frame_quads(query: QuadQuery, z: Complex) -> Index:
     Returns
     -------
     ndarray of int, shape (k, 4)
+        Indices of the sources.
     """
     count = min(query.count, z.size)
     if count < 4 or count <= query.since:
@@ -194,6 +195,7 @@ def frame_codes(
     z : ndarray of complex, shape (n,)
         Measurements, x + iy in pixels.
     quads : ndarray of int, shape (k, 4)
+        Indices of the sources.
     center : complex
         The frame's center.
     focal_px : float or None
@@ -202,9 +204,11 @@ def frame_codes(
     Returns
     -------
     code : ndarray, shape (m, 4)
+        Of the quads that may be searched for.
     corners : ndarray of int, shape (m, 4)
         Measurements A, B, C, D of those quads that are large enough.
     tolerance : ndarray, shape (m,)
+        In units of the code.
     """
     corner = z[quads]
     if focal_px is None:

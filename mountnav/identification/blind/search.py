@@ -48,7 +48,9 @@ class FrameSimilarities:
     ra_deg, dec_deg : ndarray, shape (n,)
         The same.
     turn, shift : ndarray of complex, shape (n,)
+        Arcsec per pixel, and arcsec.
     mirrored : ndarray of bool, shape (n,)
+        True: z is conjugated.
     residual_px : ndarray, shape (n,)
         Root mean square distance of the four stars from their measurements.
     """
@@ -293,6 +295,7 @@ class Candidates:
     stars : ndarray of int, shape (n, 4)
         Their star numbers.
     level : ndarray of int, shape (n,)
+        Level of the index that the quad was found in.
     vectors : ndarray, shape (n, 4, 3)
         The stars' unit vectors.
     """

@@ -44,7 +44,9 @@ def mark_hot(bad: Map, dark: FloatImage, least_excess: float) -> None:
     Parameters
     ----------
     bad : ndarray of uint8, shape (height, width)
+        Why each pixel is bad; 0: it isn't. Changed in place.
     dark : ndarray of float32, shape (height, width)
+        Master dark, ADU.
     least_excess : float
         In the dark's own unit; ten noises of a single frame (`HOT_SIGMA`).
     """
@@ -62,7 +64,9 @@ def mark_dead(bad: Map, flat: FloatImage) -> None:
     Parameters
     ----------
     bad : ndarray of uint8, shape (height, width)
+        Why each pixel is bad; 0: it isn't. Changed in place.
     flat : ndarray of float32, shape (height, width)
+        Master flat; about 1.
     """
     for rows, columns in _cells(flat.shape):
         cell = np.asarray(flat[rows, columns], dtype=np.float32)
@@ -79,6 +83,7 @@ def mark_noisy(bad: Map, scatter: FloatImage) -> None:
     Parameters
     ----------
     bad : ndarray of uint8, shape (height, width)
+        Why each pixel is bad; 0: it isn't. Changed in place.
     scatter : ndarray of float32, shape (height, width)
         Of each pixel over the frames; NaN where it isn't known: nothing is marked there.
     """
@@ -104,7 +109,9 @@ def heal(pixels: FloatImage, bad: NDArray[np.bool_], step_px: int) -> tuple[int,
     Parameters
     ----------
     pixels : ndarray of float32, shape (height, width)
+        The frame, ADU; changed in place.
     bad : ndarray of bool, shape (height, width)
+        Pixels that are to be filled.
     step_px : int
         How far the next pixel of the same color is: 1, or 2 on a Bayer mosaic.
 

@@ -36,7 +36,6 @@ class BuildReport:
 
     Attributes
     ----------
-    folder : Path
     masters : tuple of Master
         The new ones.
     notes : tuple of str
@@ -72,14 +71,9 @@ def build(
         Files, folders or patterns. `lights` make a flat by the inverse median filter.
     zero_adu : float, optional
         Level of a pixel without light, for `lights` without a bias.
-    settings : StackSettings, optional
     assumed : mapping, optional
         Settings of the camera for frames whose headers don't state them, see
         `mountnav.measuring.calibration.camera_setup.assumptions`.
-
-    Returns
-    -------
-    BuildReport
 
     Raises
     ------

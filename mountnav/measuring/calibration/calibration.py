@@ -50,10 +50,6 @@ def full_level(frame: Frame) -> FullLevel:
     ----------
     frame : Frame
         With its pixels untouched.
-
-    Returns
-    -------
-    Full
     """
     image = frame.pixels.astype(np.float32)
     step = max(1, image.size // _SAMPLE)
@@ -80,7 +76,6 @@ def keep_full(
         Calibrated.
     raw : ndarray, shape (height, width)
         The same before.
-    full : Full
     bad : ndarray of bool, shape (height, width), optional
         Pixels that are not used.
 
@@ -194,10 +189,8 @@ class Calibration:
 
     Attributes
     ----------
-    folder : Path
     masters : tuple of Master
         In order of their names.
-    policy : CalibrationPolicy
     """
 
     folder: Path
@@ -212,11 +205,6 @@ class Calibration:
         ----------
         folder : Path
             As `mountnav calibrate build` makes it; files that are no masters are passed over.
-        policy : CalibrationPolicy, optional
-
-        Returns
-        -------
-        Calibration
 
         Raises
         ------
@@ -260,7 +248,6 @@ class Calibration:
         Frame
             float32 pixels, the same position, time and hint; its header tells what was done (CALSTAT, MNBIAS,
             MNDARK, MNFLAT). The frame itself if nothing fits, or all was done before.
-        CalibrationReport
 
         Raises
         ------

@@ -48,7 +48,6 @@ class CameraSetup:
 
     Attributes
     ----------
-    width_px, height_px : int
     binning : tuple of int or None
         Along x and y.
     gain, offset, gain_e_adu : float or None
@@ -57,9 +56,6 @@ class CameraSetup:
         Readout mode, Bayer pattern, camera.
     left_px, top_px : int or None
         First column and row of the window that was read out.
-    filter : str or None
-    exposure_s, temperature_c : float or None
-    kind : Kind or None
     """
 
     width_px: int
@@ -84,13 +80,8 @@ def setup_from_header(header: Header, width_px: int, height_px: int) -> CameraSe
 
     Parameters
     ----------
-    header : mapping of str to plain values
     width_px, height_px : int
         Of the pixels themselves.
-
-    Returns
-    -------
-    CameraSetup
     """
     return CameraSetup(
         width_px=width_px,

@@ -70,7 +70,6 @@ class Inspection:
         Medians of the pixels of even rows and columns, even rows and odd columns, and so on (`PHASES`).
     noise_adu : float
         Of one pixel, from differences of neighbors of the same color.
-    saturated_share : float
     stars : int
         Patches with a star's shape (no hot pixels, hardly any cosmic rays).
     mpx : float
@@ -95,14 +94,6 @@ class Inspection:
 
 def inspect_frame(file: RawFile) -> Inspection:
     """Look at bands of rows, all of a frame of up to 1024 rows.
-
-    Parameters
-    ----------
-    file : RawFile
-
-    Returns
-    -------
-    Survey
 
     Raises
     ------
@@ -191,11 +182,6 @@ def _bumps(pixels: FloatImage, local: FloatImage) -> int:
 def require_alike(files: Sequence[RawFile], kind: Kind) -> list[str]:
     """Refuse frames that were not taken alike, or whose headers call them something else.
 
-    Parameters
-    ----------
-    files : sequence of RawFile
-    kind : Kind
-
     Returns
     -------
     list of str
@@ -281,8 +267,6 @@ def require_kind(file: RawFile, seen: Inspection, kind: Kind, zero_adu: float | 
 
     Parameters
     ----------
-    file : RawFile
-    seen : Inspection
     kind : Kind
         What it is given as.
     zero_adu : float or None

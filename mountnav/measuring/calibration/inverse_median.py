@@ -103,14 +103,12 @@ class InverseMedian:
     ----------
     response : ndarray, shape (rows, columns)
         On the mesh; median 1. All ones if the zero level isn't known.
-    width_px, height_px : int
     zero_adu : float or None
         Level of a pixel without light.
     frames : int
         How many frames it comes from.
     notes : tuple of str
         What the user should know.
-    settings : InverseMedianSettings
     """
 
     response: Array
@@ -132,10 +130,6 @@ class InverseMedian:
         ----------
         frame : Frame
             Of the group's size.
-
-        Returns
-        -------
-        EvenedFrame
 
         Raises
         ------
@@ -186,11 +180,6 @@ def inverse_median(
         One frame, or a group of frames of different or shifted fields.
     zero_adu : float, optional
         Level of a pixel without light (bias); 0 for calibrated frames.
-    settings : InverseMedianSettings, optional
-
-    Returns
-    -------
-    InverseMedian
 
     Raises
     ------
@@ -217,13 +206,8 @@ def from_meshes(
 
     Parameters
     ----------
-    meshes : sequence of Mesh
     zero_adu : float or None
-    settings : InverseMedianSettings, optional
-
-    Returns
-    -------
-    InverseMedian
+        Level without light; None: not known.
 
     Raises
     ------
@@ -266,15 +250,6 @@ def from_meshes(
 
 def background_mesh(frame: Frame, settings: InverseMedianSettings | None = None) -> Mesh:
     """Estimate a frame's sky on a coarse mesh, without its sources.
-
-    Parameters
-    ----------
-    frame : Frame
-    settings : InverseMedianSettings, optional
-
-    Returns
-    -------
-    Mesh
 
     Raises
     ------

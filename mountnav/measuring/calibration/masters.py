@@ -34,8 +34,6 @@ class Master:
 
     Attributes
     ----------
-    path : Path
-    kind : Kind
     facts : CameraSetup
         Settings the frames were taken with; exposure and temperature are their means.
     frames : int
@@ -145,7 +143,6 @@ def write_master(path: Path, numbers: Path, about: MasterFacts) -> None:
         Written under a temporary name and renamed, so that a half-written master is never seen.
     numbers : Path
         Big-endian float32 (bytes for a bad-pixel map), row by row.
-    about : MasterFacts
     """
     part = path.with_name(f".{path.name}.part")
     length = 0

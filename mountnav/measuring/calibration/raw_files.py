@@ -53,8 +53,6 @@ class RawFile:
     ----------
     path : Path
         As the user gave it.
-    facts : CameraFacts
-    header : dict
     full_adu : float
         Level from which a pixel counts as saturated by header or type; infinity if neither states it.
     data_path, start_byte, dtype, zero, scale
@@ -113,10 +111,6 @@ def listed_files(given: Sequence[Path | str]) -> list[Path]:
     given : sequence of Path or str
         A folder means the FITS files in it (not below it); ``*``, ``?`` and ``[`` make a pattern.
 
-    Returns
-    -------
-    list of Path
-
     Raises
     ------
     BadRequest
@@ -146,13 +140,8 @@ def open_raw(path: Path, scratch: Path) -> RawFile:
 
     Parameters
     ----------
-    path : Path
     scratch : Path
         An existing folder for unpacked copies; its maker removes it.
-
-    Returns
-    -------
-    RawFile
 
     Raises
     ------

@@ -81,18 +81,12 @@ def stack(
 
     Parameters
     ----------
-    files : sequence of RawFile
     out : ndarray of float32, shape (height, width)
         Written; may be mapped to disk.
-    settings : StackSettings
     prepare : callable, optional
         Given the file's number, the band's first row and its pixels, gives what is to be stacked.
     scatter : ndarray of float32, shape (height, width), optional
         Written with each pixel's scatter from frame to frame.
-
-    Returns
-    -------
-    Stacked
     """
     height, width = out.shape
     rejected = 0
@@ -133,11 +127,6 @@ def clipped(cube: FloatImage, settings: StackSettings) -> Clipped:
     ----------
     cube : ndarray of float32, shape (frames, rows, width)
         NaN: missing.
-    settings : StackSettings
-
-    Returns
-    -------
-    Clipped
     """
     count = cube.shape[0]
     if count == 1:
@@ -220,10 +209,6 @@ _LEAST_EXCESS = 0.05
 
 def read_noise_adu(files: Sequence[RawFile]) -> float | None:
     """Return the noise of one pixel of one frame, from pairs of bias (or dark) frames.
-
-    Parameters
-    ----------
-    files : sequence of RawFile
 
     Returns
     -------

@@ -71,14 +71,8 @@ class Candidates:
 def locate(scene: Scene, peaks: CoarsePeaks) -> tuple[Candidates, Patches]:
     """Look at the full frame where the coarse plane has peaks.
 
-    Parameters
-    ----------
-    scene : Scene
-    peaks : CoarsePeaks
-
     Returns
     -------
-    Candidates
     Patches
         The pixels that were looked at.
     """
@@ -138,7 +132,6 @@ def width_px(scene: Scene, x_px: Array, y_px: Array) -> float:
 
     Parameters
     ----------
-    scene : Scene
     x_px, y_px : ndarray, shape (n,)
         Clear unsaturated stars, brightest first.
 

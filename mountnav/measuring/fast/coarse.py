@@ -59,6 +59,7 @@ def in_wider_bins(plane: Image, bin_px: int, wider_px: int) -> Image:
     Parameters
     ----------
     plane : ndarray of float32, shape (rows, columns)
+        Sums of bins of pixels.
     bin_px, wider_px : int
         Pixels along a bin's side now, and then.
 
@@ -184,10 +185,6 @@ def coarse_sky(plane: Image, bin_px: int, *, whole_numbers: bool) -> CoarseSky:
     whole_numbers : bool
         The frame's pixels are; their samples are spread over a step, so that medians aren't off by half of
         one.
-
-    Returns
-    -------
-    CoarseSky
     """
     rows, columns = plane.shape
     tile = max(_LEAST_TILE_BINS, _TILE_PX // bin_px)
@@ -245,6 +242,7 @@ def pixel_noise(pixels: NDArray[np.generic]) -> float:
     Parameters
     ----------
     pixels : ndarray, shape (height, width)
+        The frame, ADU.
 
     Returns
     -------
@@ -297,11 +295,9 @@ def coarse_peaks(plane: Image, sky: CoarseSky, bin_px: int, threshold_sigma: flo
     Parameters
     ----------
     plane : ndarray of float32, shape (rows, columns)
-    sky : CoarseSky
-    bin_px : int
+        Sums of bins of pixels.
     threshold_sigma : float
         Height of a bin above the sky, in units of its noise.
-    most : int
 
     Returns
     -------

@@ -50,7 +50,9 @@ class FittedStars:
     Attributes
     ----------
     x_px, y_px, x_sigma_px, y_sigma_px : ndarray
+        Centers and their errors; shape (n,).
     flux, flux_sigma : ndarray
+        ADU; shape (n,).
     misfit : ndarray
         Rms of the residuals in the core over the amplitude, the noise's share taken off.
     sound : ndarray of bool
@@ -80,14 +82,8 @@ def fit_stars(scene: Scene, image: SampledPsf, x_px: Array, y_px: Array) -> Fitt
 
     Parameters
     ----------
-    scene : Scene
-    image : SampledPsf
     x_px, y_px : ndarray, shape (n,)
         Within a pixel of the stars.
-
-    Returns
-    -------
-    FittedStars
     """
     height, width = scene.frame.pixels.shape
     x0 = np.clip(np.rint(x_px).astype(np.intp), 0, width - 1)
@@ -178,6 +174,7 @@ def solved_for(drawing: Pixels, values: Pixels, weights: Pixels) -> tuple[Array,
     drawing : ndarray of float32, shape (n, 3, pixels)
         From `drawn`.
     values, weights : ndarray of float32, shape (n, pixels)
+        Light on the pixels of each star, and its weights.
 
     Returns
     -------
@@ -245,11 +242,8 @@ def refit_saturated(scene: Scene, shape: EllipticalPsf, fits: FittedStars, full:
 
     Parameters
     ----------
-    scene : Scene
-    shape : EllipticalPsf
     fits : FittedStars
         Changed at ``full.which``.
-    full : SaturatedPatches
     """
     half = np.clip(np.ceil(full.radius_px + _REACH_FWHM * scene.fwhm_px), 6, _WIDEST_PX)
     half = (4 * np.ceil(half / 4)).astype(np.intp)

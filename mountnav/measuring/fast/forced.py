@@ -73,10 +73,8 @@ def sources_near(
 
     Parameters
     ----------
-    scene : Scene
     x_px, y_px : ndarray, shape (n,)
         Positions inside the frame.
-    reach_px : float
     around_px : int
         How far from the position further maxima are looked for.
     threshold_sigma : float
@@ -162,18 +160,12 @@ def forced_measurements(
 
     Parameters
     ----------
-    scene : Scene
-    image : SampledPsf
     quality : SkyQuality
         To hand out.
     x_px, y_px : ndarray, shape (n,)
-    reach_px : float
+        Pixels, 0-based: the middle of the first pixel is (0, 0).
     sigma : float
         Least height of a source in units of the noise.
-
-    Returns
-    -------
-    Measurements
     """
     height, width = scene.frame.pixels.shape
     inside = (x_px > -0.5) & (y_px > -0.5) & (x_px < width - 0.5) & (y_px < height - 0.5)
@@ -238,13 +230,10 @@ def quality_of(
 
     Parameters
     ----------
-    scene : Scene
     shape : EllipticalPsf
         The common one.
     known : Measurements
         The fast measurement's own: its star-like sources are the ones that are counted.
-    settings : MeasuringSettings
-    half_px : int
 
     Returns
     -------

@@ -48,7 +48,6 @@ class FastMeasurement:
         Brightest first, rough positions; ``quality`` is None.
     scene : Scene
         The frame, and what was found out about it.
-    settings : MeasuringSettings
     plane : ndarray of float32 or None
         The frame summed in bins of ``scene.bin_px``, where that is more than a pixel and its pixels are whole
         numbers of at most 16 bits.
@@ -154,7 +153,6 @@ def measure_fast(
 
     Parameters
     ----------
-    frame : Frame
     settings : MeasuringSettings, optional
         ``threshold_sigma`` and ``gain_e_adu`` count here as well.
     most : int, optional

@@ -35,6 +35,7 @@ class Patches:
     Attributes
     ----------
     values : ndarray of float32, shape (n, side, side)
+        The pixels, as they were cut.
     left, top : ndarray of int, shape (n,)
         Column and row of the first pixel.
     """
@@ -64,11 +65,7 @@ def cut_patches(pixels: NDArray[np.generic], x_px: Array, y_px: Array, half_px: 
     pixels : ndarray, shape (height, width)
         At least as large as a patch.
     x_px, y_px : ndarray, shape (n,)
-    half_px : int
-
-    Returns
-    -------
-    Patches
+        Pixels, 0-based: the middle of the first pixel is (0, 0).
     """
     height, width = pixels.shape
     side = 2 * half_px + 1
@@ -125,16 +122,13 @@ def windowed_moments(
     light : ndarray of float32, shape (n, side, side)
         Without sky.
     left, top : ndarray of int, shape (n,)
+        First column and row of each patch in the frame.
     x_px, y_px : ndarray, shape (n,)
         Where to start.
     sigma_px : float or ndarray, shape (n,)
         The window's; best that of the stars.
     rounds : int, optional
         How often the window follows.
-
-    Returns
-    -------
-    Moments
     """
     sigma_px = np.broadcast_to(np.asarray(sigma_px, dtype=np.float64), x_px.shape)
     steps = np.arange(light.shape[1])
@@ -247,8 +241,6 @@ def flags_of(
 
     Parameters
     ----------
-    shapes : Shapes
-    typical : Typical
     snr : ndarray, shape (n,)
         Flux over its error.
     full, edge, odd : ndarray of bool, shape (n,)
@@ -259,6 +251,7 @@ def flags_of(
     Returns
     -------
     ndarray of int64, shape (n,)
+        Bits of `Flag`; 0: none.
     """
     slack = 2.0 / np.maximum(snr, 1.0)
     flags = np.zeros(snr.size, dtype=np.int64)
@@ -283,15 +276,15 @@ def position_errors(
 
     Parameters
     ----------
-    moments : Moments
     flux, noise : ndarray, shape (n,)
         In ADU; the noise per pixel.
-    gain_e_adu : float
     floor_px : ndarray, shape (n,)
+        Least error of a position.
 
     Returns
     -------
     x_sigma_px, y_sigma_px, flux_sigma : ndarray, shape (n,)
+        One sigma.
     """
     light = np.maximum(flux, 1e-9)
     area = np.sqrt(np.maximum(moments.xx * moments.yy - moments.xy**2, 1e-6))

@@ -32,7 +32,6 @@ class EllipticalPsf:
 
     Attributes
     ----------
-    psf : Psf
     p, q, r : float
         Of Q = p u² + 2 q u v + r v².
     """
@@ -61,7 +60,6 @@ def drawn(shape: EllipticalPsf, u: Pixels, v: Pixels) -> Pixels:
 
     Parameters
     ----------
-    shape : EllipticalPsf
     u, v : ndarray of float32, shape (n, pixels)
         Offsets of pixels' middles.
 
@@ -123,7 +121,6 @@ class SampledPsf:
 
     Attributes
     ----------
-    shape : EllipticalPsf
     dx, dy : ndarray of int, shape (pixels,)
         The disc.
     drawings : ndarray of float32, shape (phases², 3, pixels)
@@ -187,7 +184,6 @@ def learn_shared_psf(scene: Scene, measurements: Measurements, half_px: int) -> 
 
     Parameters
     ----------
-    scene : Scene
     measurements : Measurements
         The fast measurement's own.
     half_px : int

@@ -44,7 +44,6 @@ class Scene:
 
     Attributes
     ----------
-    frame : Frame
     bin_px : int
         Side of the coarse plane's bins.
     sky : CoarseSky
@@ -94,11 +93,6 @@ class Scene:
 
 def survey_frame(frame: Frame, settings: MeasuringSettings) -> tuple[Scene, Image] | None:
     """Sum a frame up; neither its saturation nor its stars' width is known yet.
-
-    Parameters
-    ----------
-    frame : Frame
-    settings : MeasuringSettings
 
     Returns
     -------

@@ -64,7 +64,6 @@ def diagnose(
         configuration) don't count.
     expected_parity : int, optional
         +1 or -1, as learned or configured.
-    mounting : {"german", "fork", "altaz"}, optional
     rotator : bool
         The camera may turn by itself: image angles say nothing.
     geometry : tuple of Geometry
@@ -79,10 +78,6 @@ def diagnose(
     sign_confirmed : bool
         Somebody else (the mount) has told the same longitude as the `site`: looks that would stand above the
         ground at the other sign as well say nothing against it.
-
-    Returns
-    -------
-    Diagnosis
 
     Raises
     ------

@@ -48,11 +48,11 @@ def looks_at(lon: Array, lat: Array, terms: Array, axis_latitude: float) -> tupl
         Axis angles, zero points included; beyond the pole past 90°.
     terms : ndarray, shape (..., 6)
         CH NP ME MA TF TX, rad [POINTING §5].
-    axis_latitude : float
 
     Returns
     -------
     tube, up : ndarray, shape (..., n, 3)
+        Unit vectors.
     """
     ch, np_, me, ma, tf, tx = (terms[..., number, None] for number in range(6))
     zero = np.zeros(np.broadcast_shapes(lon.shape, ch.shape))
@@ -119,7 +119,6 @@ class Zeros:
         How much of each unknown.
     sigma : ndarray, shape (q,)
         Its prior width, rad (or of no unit); NaN: the class' width between the sides of the pier.
-    names : tuple of str
     """
 
     lon: Array
@@ -164,10 +163,10 @@ class Fitted:
 
     Attributes
     ----------
-    log_evidence : float
     best : ndarray, shape (p,)
         CH NP ME MA TF TX (rad), the camera's angle, then the zero columns.
     covariance : ndarray, shape (p, p)
+        Of the parameters.
     names : tuple of str
         Of the zero columns.
     noise_arcsec : float
@@ -233,7 +232,6 @@ class Fit:
         ----------
         read_lon, read_lat : ndarray, shape (n,)
             Readings as the hypothesis takes them.
-        zeros : Zeros
         sense : {1, -1}
             -1: both axes count the other way.
         """

@@ -81,7 +81,6 @@ class Facts:
         Of the solved place, per coordinate.
     west : ndarray of bool
         Tube beyond the pole, as the mount says.
-    sides, segments, look_ids : tuple
     axis_latitude : float
         Altitude of the frame's pole; 90° for alt-az.
     """
@@ -209,7 +208,6 @@ def geometry_of(model: PointingModel) -> tuple[tuple[Geometry, ...], float]:
 
     Returns
     -------
-    geometry : tuple of Geometry
     noise_arcsec : float
         Scatter of single looks on the sky.
     """

@@ -64,7 +64,6 @@ class Finding:
 
     Attributes
     ----------
-    what : Illness
     probability : float
         Posterior, given that something on the doctor's list is the case, with the priors of `priors`.
     odds_against_healthy : float

@@ -236,7 +236,7 @@ class Turn:
     Attributes
     ----------
     illness : Illness or None
-    log_weight : float
+        None: it is none.
     hours : int
         Of a clock that is wrong by whole hours.
     segments : tuple of ZeroPoint
@@ -276,7 +276,6 @@ def turns(
 
     Parameters
     ----------
-    points : list of ZeroPoint
     longitude_deg : float
         Of the site; east positive.
     zero_sigma_deg : float

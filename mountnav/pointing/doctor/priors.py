@@ -20,7 +20,6 @@ class Geometry:
     ----------
     terms_arcsec : (CH, NP, ME, MA, TF, TX)
         Expected values; TX stands for the refraction that the mount does not know (60″ at one atmosphere).
-    sigmas_arcsec : the same
     side_sigma_arcsec : float
         How far the zero points of one segment may differ between the two sides of the pier.
     weight : float

@@ -42,6 +42,7 @@ def mirror_findings(observations: Sequence[PointingObservation], expected: int |
     observations : sequence of PointingObservation
         In order of time.
     expected : int or None
+        +1 or -1; None: not known.
     """
     told = [one for one in observations if one.parity is not None]
     if not told:
@@ -136,7 +137,6 @@ def check_sides(facts: Facts, *, rotator: bool = False, equatorial: bool = True)
 
     Parameters
     ----------
-    facts : Facts
     rotator : bool
         The camera may turn of its own accord: its rotations say nothing.
     equatorial : bool
@@ -299,7 +299,6 @@ def check_sky(facts: Facts, site: Site, *, altaz: bool, swapped: bool, sign_conf
 
     Parameters
     ----------
-    facts : Facts
     site : Site
         As configured.
     altaz : bool

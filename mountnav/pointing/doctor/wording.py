@@ -49,8 +49,6 @@ def shape_finding(
 
     Parameters
     ----------
-    case : Case
-    fit : Fit
     best : Shape
         Of the illness that is most probable.
     share, healthy : float

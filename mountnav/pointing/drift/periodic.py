@@ -35,7 +35,7 @@ _SHORTEST_WORM_S = 60.0
 
 
 def periodic_error(looks: Looks, *, worm_period_s: float | None = None) -> tuple[PeriodicError | None, str]:
-    """Look for a swing of the hour angle axis in one stretch.
+    """Look for a swing of the hour angle axis in one stretch; None, and why, if none is seen.
 
     Parameters
     ----------
@@ -43,10 +43,6 @@ def periodic_error(looks: Looks, *, worm_period_s: float | None = None) -> tuple
         Without jumps; offsets east are made those of the axis by dividing by cos δ.
     worm_period_s : float, optional
         Known period: the search still is free, and tells whether it found it.
-
-    Returns
-    -------
-    PeriodicError or None, and why not
     """
     from astropy.timeseries import LombScargle
 

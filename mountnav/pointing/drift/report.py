@@ -34,7 +34,6 @@ def drift_report(
     ----------
     observations : sequence of PointingObservation
         Looks with absolute values, in any order.
-    site : Site
     slew_ends : sequence of datetime
         When slews arrived; without them no settle time is told.
     model_terms : mapping of str to (value, sigma), optional

@@ -44,15 +44,14 @@ class Looks:
 
     Attributes
     ----------
-    observations : tuple of PointingObservation
     seconds : ndarray, shape (n,)
         Since the first look.
     east, north : ndarray, shape (n,)
         Seen minus believed minus refraction's own drift, arcsec.
     sigma : ndarray, shape (n,)
+        One sigma of each look.
     refraction : ndarray, shape (n, 2)
         What was taken off.
-    ha_deg, dec_deg : float
     """
 
     observations: tuple[PointingObservation, ...]
@@ -111,8 +110,6 @@ def looks_of(part: tuple[PointingObservation, ...], site: Site, *, refracts: boo
 
     Parameters
     ----------
-    part : tuple of PointingObservation
-    site : Site
     refracts : bool
         The mount corrects refraction itself: nothing is taken off.
     """
@@ -218,17 +215,12 @@ _REST_LOOKS = 3
 def settling(
     stretches: Sequence[tuple[Looks, Drift | None]], slew_ends: Sequence[datetime]
 ) -> tuple[Settling | None, str]:
-    """Measure the settle time.
+    """Measure the settle time; None, and why, if it can't be.
 
     Parameters
     ----------
-    stretches : sequence of (Looks, Drift or None)
     slew_ends : sequence of datetime
         When slews arrived.
-
-    Returns
-    -------
-    Settling or None, and why not
     """
     if not slew_ends:
         return None, "the ends of slews aren't known"

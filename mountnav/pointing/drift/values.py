@@ -52,7 +52,6 @@ class Stretch:
     ----------
     start, stop : datetime
         First and last look.
-    looks : int
     ha_deg, dec_deg : float
         Hour angle and declination, in the middle.
     rates : Rates or None
@@ -61,7 +60,6 @@ class Stretch:
         What refraction alone makes a tube drift that follows the stars evenly; None without air.
     rms_arcsec : float or None
         Scatter about the line.
-    jumps : tuple of Jump
     reason : str
         Why there are no rates.
     """
@@ -99,7 +97,6 @@ class PeriodicError:
 
     Attributes
     ----------
-    period_s, period_sigma_s : float
     amplitude_arcsec, amplitude_sigma_arcsec : float
         Half the swing, of the axis (on the sky it is smaller by cos δ).
     false_alarm : float
@@ -188,6 +185,7 @@ class PolarAlignment:
     Attributes
     ----------
     from_drift, from_model : PolarError or None
+        None: not known from there.
     agree : bool or None
         Whether the two agree within 3 sigma; None where there is only one.
     used : PolarError or None
@@ -195,6 +193,7 @@ class PolarAlignment:
     raise_arcmin, east_arcmin : float or None
         What to do to the upper end of the axis: raise it, turn it east (an angle about the vertical).
     raise_sigma_arcmin, east_sigma_arcmin : float or None
+        One sigma; None: not known.
     advice : str
         In words.
     """
@@ -230,8 +229,8 @@ class DriftReport:
 
     Attributes
     ----------
-    stretches : tuple of Stretch
     periodic, settling, polar : value or None
+        None: not known.
     periodic_reason, settling_reason, polar_reason : str
         Why one isn't known.
     words : str

@@ -107,7 +107,6 @@ class SkyEvent:
 
     Attributes
     ----------
-    kind : SkyEventKind
     utc : datetime
         To half a second.
     alt_deg, az_deg : float
@@ -150,23 +149,16 @@ def reached_along(
 
     Parameters
     ----------
-    limits : Limits
     path : callable
         It must answer from `utc` on for `within_s`.
     utc : datetime
         Aware.
-    site : Site
-    air : Air
     mounting : {"german", "fork", "altaz"}, optional
         None: not known.
     side : PierSide, optional
         On which the tube hangs all the time; None: as German mounts usually do at its begin.
     within_s : float
         At least 0.
-
-    Returns
-    -------
-    Reached or None
 
     Raises
     ------

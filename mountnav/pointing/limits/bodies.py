@@ -49,11 +49,6 @@ def bodies(utc: datetime, site: Site) -> Bodies:
     ----------
     utc : datetime
         Aware.
-    site : Site
-
-    Returns
-    -------
-    Bodies
 
     Raises
     ------

@@ -175,9 +175,6 @@ class Limits:
         ----------
         start : Icrs
             Where the mount believes to point.
-        target : Icrs
-        utc : datetime
-        site, air : Site, Air
         mounting : {"german", "fork", "altaz"}, optional
             None: not known.
         side : PierSide, optional

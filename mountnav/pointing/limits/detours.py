@@ -58,11 +58,8 @@ def legs_to(
 
     Parameters
     ----------
-    limits : Limits
-    start, target : Icrs
-    utc : datetime
-    site, air : Site, Air
     mounting : {"german", "fork", "altaz"} or None
+        None: not known.
     side : PierSide or None
         On which the tube hangs now.
     either : bool

@@ -147,10 +147,12 @@ class Horizon:
         Parameters
         ----------
         az_deg, reach_deg : ndarray, shape (n,)
+            From north over east, and how far to each side.
 
         Returns
         -------
         ndarray, shape (n,)
+            Altitude, degrees.
         """
         reach = np.minimum(reach_deg, 180.0)
         first = np.floor((np.mod(az_deg, 360.0) - reach) / _BIN_DEG).astype(np.int64) + _BINS

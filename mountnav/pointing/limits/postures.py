@@ -31,7 +31,6 @@ class Standing:
 
     Attributes
     ----------
-    mounting : {"german", "fork", "altaz"}
     side : PierSide
         `UNKNOWN` for what isn't German.
     first_deg, second_deg : float
@@ -67,13 +66,10 @@ def standing_at(
 
     Parameters
     ----------
-    place : HourAngle
     seen : Observed
         The same place.
-    mounting : {"german", "fork", "altaz"}
     side : PierSide
         German: east or west.
-    latitude_deg : float
     """
     if mounting == "altaz":
         return Standing(mounting, PierSide.UNKNOWN, seen.az_deg, seen.alt_deg)

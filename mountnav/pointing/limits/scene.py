@@ -30,14 +30,7 @@ Depths = dict[LimitKind, Floats]
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """The limits at an instant, with Sun and Moon where they are then.
-
-    Attributes
-    ----------
-    limits : Limits
-    utc : datetime
-    site : Site
-    """
+    """The limits at an instant, with Sun and Moon where they are then."""
 
     limits: Limits
     utc: datetime
@@ -62,7 +55,6 @@ class Scene:
 
         Parameters
         ----------
-        seen : Directions
         standing : bool
             Whether the tube stands or tracks there, or only passes.
         reach_deg : float
@@ -73,6 +65,7 @@ class Scene:
         Returns
         -------
         dict of LimitKind to ndarray
+            Degrees, one a direction; 0 or less: inside.
         """
         limits = self.limits
         margin = limits.margin_deg + reach_deg
@@ -136,13 +129,13 @@ class Scene:
 
         Parameters
         ----------
-        standing : Standing
         first_deg, second_deg : ndarray, optional
             Instead of the standing's own.
 
         Returns
         -------
         dict of LimitKind to ndarray
+            Degrees; 0 or less: inside.
         """
         limits = self.limits
         first = np.array([standing.first_deg]) if first_deg is None else first_deg

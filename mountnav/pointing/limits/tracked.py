@@ -36,7 +36,6 @@ class Reached:
 
     Attributes
     ----------
-    limit : LimitKind
     after_s : float
         0 if it is passed already and tracking leads deeper.
     az_deg, alt_deg : float

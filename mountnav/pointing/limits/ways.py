@@ -49,7 +49,6 @@ class Trouble:
 
     Attributes
     ----------
-    limit : LimitKind
     depth_deg : float
         How deep outside.
     az_deg, alt_deg : float
@@ -71,14 +70,10 @@ class Trouble:
 def trouble_on(way: Way, scene: Scene) -> Trouble | None:
     """Find the first place on a way, its start and end included, that the limits of the sky don't allow.
 
-    Parameters
-    ----------
-    way : Way
-    scene : Scene
-
     Returns
     -------
     Trouble or None
+        None: the way is allowed.
     """
     area = _Area(way, scene)
     outside = {
@@ -94,11 +89,6 @@ def trouble_on(way: Way, scene: Scene) -> Trouble | None:
 
 def strays_deg(ways: Iterable[Way], at: Standing) -> float:
     """How far a standing is from what the axes pass on any of these ways.
-
-    Parameters
-    ----------
-    ways : iterable of Way
-    at : Standing
 
     Returns
     -------

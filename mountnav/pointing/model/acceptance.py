@@ -58,7 +58,6 @@ class Judgement:
 
     Attributes
     ----------
-    accepted : bool
     reasons : tuple of str
         What spoke against it; what spoke for it if nothing did.
     new_loo_arcsec, old_loo_arcsec : float
@@ -144,16 +143,12 @@ def judge(
 
     Parameters
     ----------
-    fitted : Fit
     old : PointingModel, optional
+        None: there is none yet.
     held_out : Mechanical or HeldOut, optional
         Looks of the same segments that had no part in the fit; or what fits without them made of them.
     fresh : Mechanical, optional
         3 to 5 points taken since; in a segment of the fit, or one of their own.
-
-    Returns
-    -------
-    Judgement
 
     Raises
     ------
@@ -319,7 +314,6 @@ def make(
 
     Parameters
     ----------
-    m : Mechanical
     terms, highest_harmonic, max_sigma_arcsec
         See `fit.fit`.
     min_points : int
@@ -332,10 +326,6 @@ def make(
         Taken since; fewer than three are left out of account.
     seed : int
         Of the parts that are held out in turn.
-
-    Returns
-    -------
-    Made
 
     Raises
     ------
@@ -373,10 +363,10 @@ def held_out_in_turn(
 
     Parameters
     ----------
-    m : Mechanical
     fitted : callable
         Makes the fit of a part of the looks; where it refuses, what was there predicts.
     old : PointingModel or None
+        None: there is none yet.
     min_points : int
         Of a fit.
     seed : int

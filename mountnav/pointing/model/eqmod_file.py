@@ -45,7 +45,6 @@ def read_eqmod_alignment(text: str, *, name: str = "file") -> Mechanical:
 
     Parameters
     ----------
-    text : str
     name : str
         Stands in the messages.
 

@@ -41,7 +41,6 @@ class Quality:
         isn't known then.
     population_rms_arcsec : float
         sqrt(Σ(ξ²+η²)/n): smaller, and what many programs tell.
-    percent_90_arcsec, max_arcsec : float
     """
 
     sky_rms_arcsec: float | None
@@ -63,6 +62,7 @@ class SegmentZero:
     first_arcsec, second_arcsec : float or None
         IH, ID or IA, IE; None where no point counts.
     sigma_first_arcsec, sigma_second_arcsec : float or None
+        One sigma; None: not known.
     """
 
     segment_ids: tuple[str, ...]
@@ -87,6 +87,7 @@ class Fit:
         The zero points are those of the last segment. The sigmas are per coordinate, from the scatter of
         visits: sqrt of Σ(ξ²+η²)/(2n-k) where each look is a visit; PMFIT prints them √2 larger.
     covariance_arcsec2 : ndarray, shape (k, k)
+        Of the coefficients, in the order of the terms.
     condition : float
         Of the scaled columns.
     residuals_arcsec : ndarray, shape (n, 2)
@@ -105,7 +106,6 @@ class Fit:
         RMS distance of those that count: the one figure of that name.
     scatter_arcsec : float
         Per coordinate, of single visits against a true model: what the model's sigma doesn't hold.
-    segments : tuple of SegmentZero
     steps : tuple of SelectionStep
         How the terms were chosen; empty if they were given.
     notes : tuple of str
@@ -167,7 +167,6 @@ def fit(
 
     Parameters
     ----------
-    m : Mechanical
     terms : sequence of str or "auto"
         TPOINT names, zero points as you like; "auto" chooses (`selection.select`).
     highest_harmonic : int
@@ -177,10 +176,6 @@ def fit(
     join_segments : bool
         Take segments together whose zero points agree within their errors, as those before and after a flip
         do on most mounts, if the points are predicted no worse by that.
-
-    Returns
-    -------
-    Fit
 
     Raises
     ------

@@ -150,10 +150,8 @@ class SegmentZeroPoints:
 
     Attributes
     ----------
-    segment_id : str
     lon_arcsec, lat_arcsec : float
         Added to the axes' readings.
-    sigma_lon_arcsec, sigma_lat_arcsec : float
     looks : int
         That told them.
     """
@@ -171,8 +169,6 @@ class ModelInForce:
 
     Parameters
     ----------
-    model : PointingModel
-    site : Site
     air : Air
         For places to come; looks bring their own.
     does_refraction : bool

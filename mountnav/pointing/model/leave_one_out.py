@@ -29,7 +29,6 @@ def loo_residuals(m: Mechanical, fit: RobustFit) -> Array:
     ----------
     m : Mechanical
         The points of the fit.
-    fit : RobustFit
 
     Returns
     -------
@@ -56,6 +55,7 @@ def loo_rms(residuals: Array, used: Bools) -> float:
     residuals : ndarray, shape (n, 2)
         Of points left out; NaN where the others predict nothing.
     used : ndarray of bool, shape (n,)
+        Points that count.
     """
     squared = np.sum(residuals[used] ** 2, axis=1)
     squared = squared[np.isfinite(squared)]
@@ -97,6 +97,7 @@ def zeroed(m: Mechanical, used: Bools, coefficients_arcsec: Mapping[str, float])
     m : Mechanical
         One point a visit.
     used : ndarray of bool, shape (n,)
+        Points that count.
     coefficients_arcsec : mapping
         Geometry terms.
     """

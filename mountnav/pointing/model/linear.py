@@ -24,6 +24,7 @@ class Segments:
     Parameters
     ----------
     segment : ndarray of int, shape (n,)
+        Number of the segment of each point, from 0.
     count : int
         How many segments there are; some may be empty.
     """
@@ -47,8 +48,8 @@ class ZeroPoints:
 
     Attributes
     ----------
-    segments : Segments
     cos_lat, weight : ndarray, shape (n,)
+        One a point.
     lon_sum, lat_sum : ndarray, shape (s,)
         Weights of the two zero points of each segment; 0 where no point tells.
     """
@@ -96,9 +97,11 @@ class LinearFit:
     Attributes
     ----------
     coefficients : ndarray, shape (k,)
+        One a column.
     zero_points : ndarray, shape (s, 2)
         Angles of the axes in the units of the residuals; 0 where no point tells.
     residuals : ndarray, shape (n, 2)
+        In the two directions on the sky.
     unit_covariance : ndarray, shape (k, k)
         For weights that are inverse variances.
     zero_points_of_terms : ndarray, shape (s, 2, k)
@@ -135,7 +138,9 @@ def left_out(residuals: Array, hat_xi: Array, hat_eta: Array, hat_mixed: Array) 
     Parameters
     ----------
     residuals : ndarray, shape (n, 2)
+        Of the fit to all points.
     hat_xi, hat_eta, hat_mixed : ndarray, shape (n,)
+        The hat matrix' block of each point.
     """
     a, b, c = 1.0 - hat_xi, 1.0 - hat_eta, hat_mixed
     determinant = a * b - c * c
@@ -154,6 +159,7 @@ def solve(columns: Array, values: Array, zero_points: ZeroPoints) -> LinearFit:
     columns : ndarray, shape (n, 2, k)
         k may be 0.
     values : ndarray, shape (n, 2)
+        What the columns shall explain.
     zero_points : ZeroPoints
         With the weights.
 

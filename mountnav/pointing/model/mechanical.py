@@ -60,8 +60,6 @@ class Mechanical:
 
     Attributes
     ----------
-    kind : {"equatorial", "altaz"}
-    site_latitude_rad : float
     seen : ndarray, shape (n, 3)
         Unit vectors of the observed (refracted) places the tube looked at.
     beyond : ndarray of bool, shape (n,)
@@ -157,8 +155,6 @@ class Conversion:
 
     Attributes
     ----------
-    site : Site
-    kind : {"equatorial", "altaz"}
     does_refraction : bool
         Whether the mount itself allows for refraction: its readings are then of the unrefracted sky, and its
         axes stand at the refracted place. Else its readings are taken for what the axes read, and refraction
@@ -223,7 +219,6 @@ def mechanical(observations: Sequence[PointingObservation], conversion: Conversi
     ----------
     observations : sequence of PointingObservation
         In any order; segments are numbered in order of their first instant.
-    conversion : Conversion
 
     Returns
     -------

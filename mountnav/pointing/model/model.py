@@ -34,25 +34,33 @@ class PointingModel:
     Attributes
     ----------
     id : str
+        Names the model in the journal and the API.
     kind : {"equatorial", "altaz"}
+        Which axes the coefficients belong to.
     site_latitude_deg : float
+        Geodetic, north positive.
     does_refraction : bool
         Whether it was made for a mount that allows for refraction itself; it is not applied otherwise.
     terms : tuple of str
         TPOINT names, zero points first; *observed = axis reading + Σ c f*.
     coefficients_arcsec, sigma_arcsec : tuple of float
+        In the order of the terms; one sigma.
     covariance_arcsec2 : tuple of tuple of float
+        Of the coefficients, in the order of the terms.
     scatter_arcsec : float
         What single looks scatter by, per coordinate, besides.
     made_utc : datetime
+        When it was fitted.
     n, n_used : int
         Observations, and those that count.
     sky_rms_arcsec, population_rms_arcsec, loo_arcsec, before_arcsec : float or None
         See `fit.Fit`; `before_arcsec` is the sky RMS with zero points alone. None if unknown (imported).
     condition : float or None
+        Condition number of the fit; None: not known.
     telescope, source : str
         Whose it is; what it was made from.
     notes : tuple of str
+        What its user should know, in sentences.
     """
 
     id: str

@@ -114,7 +114,6 @@ class RunPlan:
 
     Attributes
     ----------
-    points : tuple of RunPoint
     way_deg : float
         Sum of the larger of both axes' turns, between neighbors.
     """
@@ -162,10 +161,8 @@ def plan(
     ----------
     count : int
         How many points, about; at least 3.
-    site : Site
     allowed : callable
         ``allowed(az_deg, alt_deg, side)``; asked for both sides of a German mount, else for the unknown one.
-    mounting : {"german", "fork", "altaz"}, optional
     kind : {"spiral", "random"}
         A golden spiral; or places at random.
     both_sides_each : bool
@@ -178,10 +175,6 @@ def plan(
         The same plan for the same seed.
     start : (az_deg, alt_deg), optional
         Where the telescope stands; the way begins at the point next to it.
-
-    Returns
-    -------
-    RunPlan
 
     Raises
     ------
@@ -295,10 +288,6 @@ def shortest(axes: Array, start: Array | None, *, wraps: bool) -> list[int]:
         Where the way comes from; else all beginnings are tried.
     wraps : bool
         Whether the first axis turns all round.
-
-    Returns
-    -------
-    list of int
     """
     n = len(axes)
     apart = _turns(axes[:, None, :], axes[None, :, :].copy(), wraps)
@@ -376,12 +365,8 @@ class RunFile:
 
     Attributes
     ----------
-    telescope : str
-    points : tuple of RunPoint
     fresh : frozenset of int
         Numbers of the points for the last check.
-    outcomes : tuple of Outcome
-    observations : tuple of PointingObservation
     """
 
     telescope: str

@@ -59,8 +59,6 @@ class Geometry:
 
     Attributes
     ----------
-    kind : {"equatorial", "altaz"}
-    site_latitude_rad : float
     lon_zero, lat_zero : float
         Zero points of the axes; all angles in radians.
     lean, skew : float
@@ -174,7 +172,6 @@ def seen_from(g: Geometry, lon_rad: Array, lat_rad: Array) -> Array:
 
     Parameters
     ----------
-    g : Geometry
     lon_rad, lat_rad : ndarray, shape (n,)
         Axis readings; the latitude is mechanical, beyond ±90° when beyond the pole.
 
@@ -222,7 +219,6 @@ def axes_for(
 
     Parameters
     ----------
-    g : Geometry
     seen : ndarray, shape (n, 3)
         Unit vectors of the observed sky.
     beyond : ndarray of bool, shape (n,)

@@ -68,6 +68,7 @@ class State:
     columns : ndarray, shape (n, 2, k)
         The terms at the axes.
     cos_lat : ndarray, shape (n,)
+        One a point.
     """
 
     coefficients_arcsec: Array
@@ -161,12 +162,12 @@ class RobustFit:
     ----------
     names : tuple of str
         Terms and plays, zero points apart.
-    state : State
     linear : LinearFit
         The last step: its hat matrix, covariance, condition.
     weight : ndarray, shape (n,)
         Inverse variances in 1/arcsec²; 0 for what was left out.
     used : ndarray of bool, shape (n,)
+        Points that count.
     scale_arcsec : float
         Robust scatter per coordinate.
     """
@@ -215,7 +216,6 @@ def distances(state: State, linear: LinearFit | None, variance: Array | None = N
 
     Parameters
     ----------
-    state : State
     linear : LinearFit or None
         The step that led there; None at the beginning.
     variance : ndarray, shape (n,), optional
@@ -301,7 +301,6 @@ def robust_fit(
 
     Parameters
     ----------
-    m : Mechanical
     names : tuple of str
         Without zero points.
     start : State, optional

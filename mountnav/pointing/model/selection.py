@@ -68,8 +68,6 @@ class SelectionStep:
 
     Attributes
     ----------
-    term : str
-    added : bool
     loo_arcsec : float
         Leave-one-out RMS afterwards.
     """
@@ -87,7 +85,6 @@ class Selection:
     ----------
     terms : tuple of str
         Without zero points.
-    steps : tuple of SelectionStep
     refused : tuple of (str, str)
         Terms of every telescope that were not taken, and why.
     fit : RobustFit
@@ -125,6 +122,7 @@ class _Trial:
         Parameters
         ----------
         more : ndarray, shape (n, 2, m)
+            The further columns.
         """
         n, _, m = more.shape
         root = np.sqrt(self.weight)[:, None, None]
@@ -315,15 +313,10 @@ def select(
         One point a visit (`visits.visits`).
     min_gain : float
         Share by which a term must lower the leave-one-out RMS.
-    highest_harmonic : int
     most_terms : int
         Zero points not counted; never more than a third of what the points can tell.
     among : sequence of str, optional
         Candidates besides the core and the non-perpendicularity; those of `terms.candidates` if not given.
-
-    Returns
-    -------
-    Selection
 
     Raises
     ------

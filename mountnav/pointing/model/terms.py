@@ -37,9 +37,11 @@ class AxisPlace:
     lon_rad, lat_rad : ndarray, shape (n,)
         Angles of the axes.
     sin_lon, cos_lon, sin_lat, cos_lat : ndarray, shape (n,)
+        Of the two axes' angles.
     sin_site, cos_site : float
         Of the site's latitude.
     sin_elevation : ndarray, shape (n,)
+        Of the altitude.
     """
 
     lon_rad: Array
@@ -71,7 +73,6 @@ class Term:
 
     Attributes
     ----------
-    name, meaning : str
     function : callable
         Of an `AxisPlace`; gives ξ and η for a coefficient of 1.
     """
@@ -221,11 +222,10 @@ def basis(
 
     Parameters
     ----------
-    kind : {"equatorial", "altaz"}
     names : sequence of str, length k
+        Names of terms: `IH`, `NP`, ...
     lon_rad, lat_rad : ndarray, shape (n,)
         Angles of the axes, the latitude beyond ±90° when beyond the pole.
-    site_latitude_rad : float
 
     Returns
     -------
@@ -254,7 +254,6 @@ def candidates(kind: Kind, highest: int = HIGHEST_HARMONIC) -> tuple[str, ...]:
 
     Parameters
     ----------
-    kind : {"equatorial", "altaz"}
     highest : int
         Highest harmonic.
     """

@@ -62,7 +62,6 @@ def read_observations_text(text: str, *, name: str = "file") -> Mechanical:
 
     Parameters
     ----------
-    text : str
     name : str
         Stands in the messages.
 
@@ -174,14 +173,12 @@ class Coefficients:
 
     Attributes
     ----------
-    caption : str
     kind : {"equatorial", "altaz"}
         By the names of its terms.
     values_arcsec, sigma_arcsec : dict
         By term.
     n : int
         Observations it was made of.
-    sky_rms_arcsec : float
     """
 
     caption: str

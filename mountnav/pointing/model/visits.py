@@ -60,7 +60,6 @@ def visits(m: Mechanical, residuals_arcsec: Array | None = None) -> Visits:
 
     Parameters
     ----------
-    m : Mechanical
     residuals_arcsec : ndarray, shape (n, 2), optional
         Against a model, near enough: they tell how looks of a visit scatter, and which is a gross error among
         its like. A look that disagrees becomes a point of its own.

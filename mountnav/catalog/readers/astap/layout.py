@@ -118,12 +118,14 @@ class Area:
         Parameters
         ----------
         ra_deg, dec_deg : ndarray, shape (n,)
+            Positions to be checked.
         slack_deg : float
             On the sky.
 
         Returns
         -------
         ndarray of bool, shape (n,)
+            True: outside.
         """
         south, north = self.dec_range_deg
         west, east = self.ra_range_deg
@@ -141,10 +143,6 @@ class Area:
 
 def area_of(path: Path) -> Area | None:
     """The area that a file is of, by its name.
-
-    Parameters
-    ----------
-    path : Path
 
     Returns
     -------
@@ -195,12 +193,10 @@ class Layout:
     ----------
     size : int
         Bytes.
-    ra_at : int
     dec_upper_at : int or None
         Upper byte of the declination; None: in the mark.
     mag_at : int or None
         Magnitude of the star; None: in the mark.
-    color_at : int or None
     """
 
     size: int
@@ -226,7 +222,6 @@ class Decoded:
 
     Attributes
     ----------
-    ra_deg, dec_deg, mag
     color_raw
         The color byte; NaN where it says "unknown" or there is none.
     offset
@@ -247,15 +242,10 @@ def decode(body: bytes, layout: Layout, file: str, start: int) -> Decoded:
     ----------
     body : bytes
         All of the file after its head.
-    layout : Layout
     file : str
         For errors.
     start : int
         Where the body begins in the file, for errors.
-
-    Returns
-    -------
-    Decoded
 
     Raises
     ------
@@ -385,7 +375,6 @@ class Head:
 
     Attributes
     ----------
-    text : str
     layout : Layout
         Of the records.
     epoch_yr : float
@@ -417,10 +406,6 @@ def parse_head(head: bytes, file: str, database: str) -> Head:
         Its name, for errors.
     database : str
         Which database, by the file's name: "d50".
-
-    Returns
-    -------
-    Head
 
     Raises
     ------

@@ -156,10 +156,6 @@ def open_catalog(path: Path) -> AstapReader:
     path : Path
         A folder with the area files of one database, or one area file: then only that area is read.
 
-    Returns
-    -------
-    AstapReader
-
     Raises
     ------
     BadCatalog

@@ -91,10 +91,6 @@ _LARGEST_NSIDE = 64
 class IndexFile:
     """An index file, opened.
 
-    Parameters
-    ----------
-    path : Path
-
     Raises
     ------
     BadCatalog
@@ -176,13 +172,10 @@ class IndexFile:
     def places_deg(self, first: int, end: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Positions of some stars.
 
-        Parameters
-        ----------
-        first, end : int
-
         Returns
         -------
         ra_deg, dec_deg : ndarray, shape (end - first,)
+            In the file's order.
         bogus : ndarray of bool, shape (end - first,)
             At RA = Dec = 0 to within the step of the tree: a row without position got there.
 
@@ -213,7 +206,6 @@ class IndexFile:
         ----------
         name : str
             Lower case.
-        first, end : int
         """
         column = self.columns[name]
         assert self._along is not None
@@ -226,7 +218,6 @@ class IndexFile:
         ----------
         name : str
             Lower case.
-        first, end : int
         """
         column = None if self._along is None else column_named(self._along, name)
         if self._along is None or column is None or not column.is_text:
@@ -234,12 +225,7 @@ class IndexFile:
         return texts(self._along.read({name: column}, first, end)[name])
 
     def stand_in_mags(self, first: int, end: int) -> Array:
-        """Magnitudes estimated from the order of brightness alone.
-
-        Parameters
-        ----------
-        first, end : int
-        """
+        """Magnitudes estimated from the order of brightness alone."""
         by_byte = stand_in_mags(self.count, self._sweeps, self._cells_nside)
         if self._sweep is None:
             return np.full(end - first, by_byte[-1])

@@ -25,7 +25,6 @@ class Series:
 
     Attributes
     ----------
-    name : str
     epoch_yr : float
         Julian year of the positions in the star tree.
     band : str
@@ -85,10 +84,6 @@ def nested_pixel(healpix: int, nside: int) -> int:
     ----------
     healpix, nside : int
         `nside` a power of 2.
-
-    Returns
-    -------
-    int
     """
     base, inside = divmod(healpix, nside * nside)
     x, y = divmod(inside, nside)
@@ -131,11 +126,12 @@ def cells_of(ra_deg: NDArray[np.float64], dec_deg: NDArray[np.float64], nside: i
     Parameters
     ----------
     ra_deg, dec_deg : ndarray, shape (n,)
-    nside : int
+        Positions, ICRS.
 
     Returns
     -------
     ndarray of int, shape (n,)
+        0 to 12 nside² - 1.
     """
     from astropy import units
     from astropy_healpix import lonlat_to_healpix
@@ -182,10 +178,6 @@ class IndexReader:
     Files of other series are left aside: another catalog, another epoch. Each place on the sky is taken from
     the file with the smallest quads that is for it; stars on the margins of files belong to the file whose
     HEALPix pixel they are in.
-
-    Parameters
-    ----------
-    files : sequence of IndexFile
 
     Raises
     ------
@@ -301,10 +293,6 @@ def open_catalog(path: Path) -> IndexReader:
     ----------
     path : Path
         An index file, or the folder that holds them.
-
-    Returns
-    -------
-    IndexReader
 
     Raises
     ------

@@ -57,10 +57,6 @@ class CsvFile:
 
     Offsets in messages count bytes of the text, unpacked.
 
-    Parameters
-    ----------
-    path : Path
-
     Raises
     ------
     BadCatalog

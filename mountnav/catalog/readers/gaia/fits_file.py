@@ -36,10 +36,6 @@ _PIECE_BYTES = 256 * 2**20
 class FitsFile:
     """The first binary table of a FITS file. Implements `mountnav.catalog.readers.gaia.tables.TableFile`.
 
-    Parameters
-    ----------
-    path : Path
-
     Raises
     ------
     BadCatalog

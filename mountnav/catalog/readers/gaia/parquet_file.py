@@ -37,10 +37,6 @@ _MAGIC = b"PAR1"
 class ParquetFile:
     """A Parquet file. Implements `mountnav.catalog.readers.gaia.tables.TableFile`.
 
-    Parameters
-    ----------
-    path : Path
-
     Raises
     ------
     BadCatalog
@@ -136,7 +132,6 @@ def arrow_values(file: str, key: str, column: pa.Array[Any]) -> NDArray[Any]:
         For the message.
     key : str
         The quantity.
-    column : pyarrow.Array
 
     Returns
     -------

@@ -67,6 +67,7 @@ class Repeats:
         Returns
         -------
         ndarray of bool, shape (n,)
+            True: it has not come before.
         """
         now = part * _MOST_CHUNKS + min(chunk, _MOST_CHUNKS - 1)
         new = np.zeros(ids.size, dtype=np.bool_)
@@ -222,10 +223,6 @@ def open_catalog(path: Path) -> GaiaReader:
     ----------
     path : Path
         A file, or a folder of files; other files in the folder are left alone.
-
-    Returns
-    -------
-    GaiaReader
 
     Raises
     ------

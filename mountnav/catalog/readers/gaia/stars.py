@@ -50,7 +50,6 @@ def stars_of(block: Block, *, file: str, told_epoch_yr: float | None, epoch_yr: 
 
     Parameters
     ----------
-    block : Block
     file : str
         For messages.
     told_epoch_yr : float or None
@@ -121,6 +120,7 @@ def moved(
     Returns
     -------
     ra_deg, dec_deg, pm_ra, pm_dec : ndarray, shape (n,)
+        At the new epoch; units as they came.
     """
     goes = np.flatnonzero((years != 0.0) & np.isfinite(pm_ra))
     if goes.size == 0:
@@ -138,7 +138,6 @@ def epochs_of(block: Block, file: str, told_epoch_yr: float | None) -> Array:
 
     Parameters
     ----------
-    block : Block
     file : str
         For messages.
     told_epoch_yr : float or None

@@ -123,7 +123,6 @@ def require_unit(file: str, column: str, quantity: Quantity, unit: str) -> None:
     ----------
     file, column : str
         For the message.
-    quantity : Quantity
     unit : str
         Empty where the file tells none: then the archive's unit holds.
 
@@ -249,16 +248,7 @@ class Described:
 
 
 def described_columns(text: str) -> Described:
-    """Read the YAML; what can't be read is passed over.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    Described
-    """
+    """Read the YAML; what can't be read is passed over."""
     if not text.strip():
         return Described({}, {})
     from astropy.table.meta import YamlParseError, get_header_from_yaml
@@ -291,7 +281,6 @@ class Piece:
     ----------
     first, end : int
         Rows, row groups or bytes, as the format counts.
-    size_bytes : int
     """
 
     first: int

@@ -50,10 +50,6 @@ _UNREADABLE = (
 class VoTableFile:
     """The first table of a VOTable. Implements `mountnav.catalog.readers.gaia.tables.TableFile`.
 
-    Parameters
-    ----------
-    path : Path
-
     Raises
     ------
     BadCatalog

@@ -98,7 +98,6 @@ class GaiaBrightReader:
 
     Parameters
     ----------
-    file : Path
     old : Catalog, optional
         With positions of 1991: Tycho-2, the embedded catalog, if left out.
     """
@@ -187,6 +186,7 @@ def columns_of(stars: NDArray[np.void], old: Catalog) -> CatalogColumns:
     Parameters
     ----------
     stars : ndarray of `STAR`, shape (n,)
+        As the file has them.
     old : Catalog
         With positions about `OLD_EPOCH_YR`, and V magnitudes.
     """

@@ -73,7 +73,6 @@ class Head:
 
     Attributes
     ----------
-    title : str
     release : int
         Of Gaia: a key of `RELEASES`.
     level : int
@@ -106,10 +105,6 @@ def parse_head(content: bytes, file: str) -> Head:
         The file's first 128 bytes, or fewer if it has no more.
     file : str
         Its name, for errors.
-
-    Returns
-    -------
-    Head
 
     Raises
     ------
@@ -165,8 +160,6 @@ def checked_counts(content: NDArray[np.uint8], head: Head, file: str) -> NDArray
     ----------
     content : ndarray of uint8
         The whole file, mapped.
-    head : Head
-    file : str
 
     Returns
     -------

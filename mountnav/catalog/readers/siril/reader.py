@@ -64,11 +64,11 @@ def require_sound(stars: NDArray[np.void], pixel: NDArray[np.int64], level: int,
     Parameters
     ----------
     stars : ndarray of `STAR`, shape (n,)
+        As the file has them.
     pixel : ndarray, shape (n,)
         By the index.
     level : int
         HEALPix level of the pixels.
-    file : str
     at : int
         Where in the file the first star begins.
 
@@ -133,6 +133,7 @@ def columns_of(stars: NDArray[np.void], epoch_yr: float) -> CatalogColumns:
     Parameters
     ----------
     stars : ndarray of `STAR`, shape (n,)
+        As the file has them.
     epoch_yr : float
         Gaia's reference epoch.
 
@@ -285,10 +286,6 @@ def open_catalog(path: Path) -> SirilReader:
     ----------
     path : Path
         siril_cat_healpix8_astro.dat, or the folder that holds it or chunks of such a catalog.
-
-    Returns
-    -------
-    SirilReader
 
     Raises
     ------

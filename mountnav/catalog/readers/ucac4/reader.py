@@ -152,10 +152,6 @@ def magnitudes(stars: Ucac4Stars) -> tuple[Array, NDArray[np.uint8]]:
     the fit magnitude by 0.10 to 0.19 (CDS's sample). The fit magnitude stands in. Overexposed stars and those
     without any take another band's, brought to this one by its median difference.
 
-    Parameters
-    ----------
-    stars : Ucac4Stars
-
     Returns
     -------
     mag : ndarray, shape (n,)
@@ -192,10 +188,6 @@ def magnitudes(stars: Ucac4Stars) -> tuple[Array, NDArray[np.uint8]]:
 def johnson_magnitudes(stars: Ucac4Stars) -> tuple[Array, Array]:
     """B and V; Tycho's BT and VT brought to Johnson's system [readme_u4 note 13; CATALOGS, Formats §1].
 
-    Parameters
-    ----------
-    stars : Ucac4Stars
-
     Returns
     -------
     b, v : ndarray, shape (n,)
@@ -213,10 +205,6 @@ def johnson_magnitudes(stars: Ucac4Stars) -> tuple[Array, Array]:
 def colors(stars: Ucac4Stars) -> Array:
     """B-V, from one system, with an error of at most 0.2.
 
-    Parameters
-    ----------
-    stars : Ucac4Stars
-
     Returns
     -------
     ndarray, shape (n,)
@@ -231,13 +219,10 @@ def colors(stars: Ucac4Stars) -> Array:
 def warnings(stars: Ucac4Stars) -> NDArray[np.uint8]:
     """What the catalog warns of, but for magnitudes; bits of `StarFlag`.
 
-    Parameters
-    ----------
-    stars : Ucac4Stars
-
     Returns
     -------
     ndarray of uint8, shape (n,)
+        0: no warning.
     """
     kind = stars.object_type
     strange = (kind == 2) | (kind == 8) | (kind == 9)

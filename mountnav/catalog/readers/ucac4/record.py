@@ -111,7 +111,6 @@ class Ucac4Stars:
         Nine decimal digits, see `tycho_source` for the first.
     leda, twomass_extended
         0, or the size of a galaxy or extended source.
-    star_id, ucac2_zone, ucac2_number
     """
 
     ra_deg: Array
@@ -173,6 +172,7 @@ def decoded(records: Records) -> Ucac4Stars:
     Parameters
     ----------
     records : ndarray of RECORD, shape (n,)
+        As the file has them.
 
     Returns
     -------
@@ -274,10 +274,6 @@ FAST_STARS: dict[int, tuple[int, int]] = {
 
 def with_fast_stars(stars: Ucac4Stars) -> Ucac4Stars:
     """Give the fastest stars their proper motions.
-
-    Parameters
-    ----------
-    stars : Ucac4Stars
 
     Returns
     -------

@@ -94,10 +94,6 @@ def columns_of(stars: UsnoB1Stars) -> CatalogColumns:
 def magnitudes(stars: UsnoB1Stars) -> tuple[Array, Array, NDArray[np.uint8]]:
     """R and B-R: R2, or R1; B of the same epoch if there is one.
 
-    Parameters
-    ----------
-    stars : UsnoB1Stars
-
     Returns
     -------
     mag : ndarray, shape (n,)
@@ -126,13 +122,10 @@ def is_extended(stars: UsnoB1Stars) -> NDArray[np.bool_]:
 
     A 0 says nothing by itself: whole plates have it.
 
-    Parameters
-    ----------
-    stars : UsnoB1Stars
-
     Returns
     -------
     ndarray of bool, shape (n,)
+        True: taken for a galaxy.
     """
     told = np.isfinite(stars.mag) & (stars.star_galaxy > 0) & (stars.star_galaxy < NO_STAR_GALAXY)
     largest = np.where(told, stars.star_galaxy, 0).max(axis=1)

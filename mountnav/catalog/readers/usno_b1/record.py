@@ -55,7 +55,6 @@ class UsnoB1Stars:
         0 to 0.9.
     in_motion_catalog
         Bool: motion taken from a list of fast stars.
-    sigma_pm_ra_mas_yr, sigma_pm_dec_mas_yr
     sigma_fit_ra_mas, sigma_fit_dec_mas
         Scatter about the motion's fit, in steps of 100.
     detections
@@ -118,10 +117,12 @@ def impossible(records: Records) -> NDArray[np.bool_]:
     Parameters
     ----------
     records : ndarray of RECORD, shape (n,)
+        As the file has them.
 
     Returns
     -------
     ndarray of bool, shape (n,)
+        True: not to be believed.
     """
     found = detections(records)
     own = found >= _FEWEST_DETECTIONS
@@ -139,10 +140,7 @@ def decoded(records: Records) -> UsnoB1Stars:
     Parameters
     ----------
     records : ndarray of RECORD, shape (n,)
-
-    Returns
-    -------
-    UsnoB1Stars
+        As the file has them.
     """
     motion, sigmas, errors = records["motion"], records["motion_errors"], records["errors"]
     pm_ra, pm_dec = (_scaled(motion, start, 4, 2.0) - 10000.0 for start in (0, 4))
