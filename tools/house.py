@@ -3,8 +3,9 @@
 Run: python tools/house.py [FOLDER] [--hops]
 
 FOLDER is a checkout (default: this one), so that an old state can be measured by the same rules. Figures are
-counted from the source text alone, with the standard library; `--hops` runs a solve of a drawn frame, and a
-slew and a stop of a fake mount, in this process and counts what they pass through (this checkout only).
+counted from the source text alone, with the standard library; `--hops` runs a service in this process (this
+checkout only): it solves drawn frames, centers a fake mount with a sync, and stops it, and counts what these
+pass through. `--hops --calls` prints every call of these ways.
 
 How each figure is counted:
 
@@ -18,7 +19,9 @@ How each figure is counted:
   comment above or beside them nor a string literal below;
 - *comments*: lines that begin with `#`, as a share of all lines;
 - *headings that repeat*: numpydoc entries of a parameter, a return value or an attribute that have a name and
-  a type and not one word of description.
+  a type and not one word of description;
+- *ways* (`--hops`): the functions of the three packages that wait for one another when the last one is
+  called, from the route or the decision on. Where a way goes on in another task it is followed there: `WAYS`.
 """
 
 from __future__ import annotations
@@ -26,17 +29,19 @@ from __future__ import annotations
 import argparse
 import ast
 import asyncio
+import os
 import re
 import sys
 import threading
 import tokenize
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import FrameType
 
 PACKAGES = ("mountnav", "drivers", "api")
@@ -291,35 +296,105 @@ def measure(root: Path) -> list[tuple[str, str]]:
     ]
 
 
-class Trace:
-    """Calls into the three packages, in their order, of all threads.
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """A part of a way that runs in one task.
 
-    Parameters
+    Attributes
     ----------
-    target : str
-        The function whose callers are noted when it is first called.
+    start, end : str
+        Qualified names of the first and the last function; `end` may be folders, parted by spaces: any
+        function in them.
+    through : str
+        Qualified name of a function that must lie between, if there are several ways.
     """
 
-    def __init__(self, root: Path, target: str = "") -> None:
-        self._target = target
-        self.chain: list[tuple[str, str]] = []
-        """File and function of the target and of all that wait for it."""
+    start: str
+    end: str
+    through: str = ""
+
+
+WAYS = {
+    "`POST center` to the first astronomy": (
+        Leg("center_telescope", "begun"),
+        Leg("Jobs._run", "mountnav/sky/ mountnav/pointing/"),
+    ),
+    "sync decision to the bytes": (Leg("GuardedSync.commit", "SerialLine.write", "Lx200Language.send_sync"),),
+    "`POST stop` to the bytes": (
+        Leg("stop_telescope", "waited_for"),
+        Leg("Dispatcher.stop", "MountOrders.stop"),
+        Leg("CheckedMount.stop", "SerialLine.write_now"),
+    ),
+}
+"""What `--hops` follows through a service: a centering that syncs, and a stop while it slews."""
+
+OBSERVATORY = """
+[service]
+[solving]
+worker = false
+[site]
+latitude_deg = 47.0
+longitude_deg = 11.0
+[[telescope]]
+id = "east"
+exposure_s = 0.5
+[telescope.mount]
+url = "fake+lx200://"
+slew_rate_deg_s = 45.0
+acceleration_deg_s2 = 8.0
+[telescope.mount.errors]
+ih_arcsec = 300.0
+id_arcsec = -240.0
+[telescope.camera]
+kind = "simulated"
+width_px = 1200
+height_px = 900
+scale_arcsec_px = 4.0
+[telescope.centering]
+settle_s = 0.0
+"""
+"""The service that `--hops` asks: one telescope, 5' beside where its mount believes it to be."""
+
+Call = tuple[str, str]
+"""File, from the checkout on, and function."""
+
+
+class Trace:
+    """Calls into the three packages, in their order, of all threads."""
+
+    def __init__(self, root: Path, legs: tuple[Leg, ...] = ()) -> None:
+        self._root = f"{root}/"
         self._roots = tuple(f"{root / package}/" for package in PACKAGES)
-        self.calls: list[tuple[str, str]] = []
-        """File and function."""
+        self.calls: list[Call] = []
+        self.chains: dict[Leg, list[Call]] = {}
+        """The functions of each leg that was gone to its end."""
+        self._legs = legs
+        self._entered: dict[Leg, set[Call]] = {leg: set() for leg in legs}
 
     def _called(self, frame: FrameType, event: str, _value: object) -> None:
         code = frame.f_code
         if event == "call" and code.co_filename.startswith(self._roots) and code.co_name[0] != "<":
             self.calls.append((code.co_filename, code.co_qualname))
-            if code.co_qualname == self._target and not self.chain:
-                self.chain = list(self._waiting(frame))
+            if len(self.chains) < len(self._legs):
+                self._follow(list(self._waiting(frame)))
 
-    def _waiting(self, frame: FrameType | None) -> Iterator[tuple[str, str]]:
+    def _follow(self, waiting: list[Call]) -> None:
+        names = [name for _, name in waiting]
+        for leg in self._legs:
+            if leg in self.chains or leg.start not in names:
+                continue
+            chain = waiting[: names.index(leg.start) + 1]
+            self._entered[leg].add(chain[0])
+            file, name = chain[0]
+            there = file.startswith(tuple(leg.end.split())) if "/" in leg.end else name == leg.end
+            if there and (not leg.through or leg.through in names):
+                self.chains[leg] = chain[::-1]
+
+    def _waiting(self, frame: FrameType | None) -> Iterator[Call]:
         while frame is not None:
             code = frame.f_code
             if code.co_filename.startswith(self._roots) and code.co_name[0] != "<":
-                yield code.co_filename, code.co_qualname
+                yield code.co_filename.removeprefix(self._root), code.co_qualname
             frame = frame.f_back
 
     @contextmanager
@@ -341,13 +416,20 @@ class Trace:
         """How often a call led to another file than the one before."""
         return sum(one[0] != other[0] for one, other in pairwise(self.calls))
 
-    def way(self) -> tuple[int, int]:
-        """Functions and files of the chain of calls to the target."""
-        return len(self.chain), len({file for file, _ in self.chain})
+    def way(self, legs: tuple[Leg, ...]) -> list[Call]:
+        """All functions of the legs, in their order."""
+        missing = [leg for leg in legs if leg not in self.chains]
+        if missing:
+            raise SystemExit(f"not gone: {missing[0]}")
+        return [call for leg in legs for call in self.chains[leg]]
+
+    def entered(self, legs: tuple[Leg, ...]) -> set[Call]:
+        """What was entered on the legs before their ends, beside the functions that wait."""
+        return {call for leg in legs for call in self._entered[leg]}
 
 
-def hops(root: Path) -> list[tuple[str, str]]:
-    """What a solve, and a slew and a stop of a fake mount, pass through."""
+def hops(root: Path) -> tuple[list[tuple[str, str]], list[tuple[str, list[Call]]]]:
+    """What solves, a centering with its sync, and a stop pass through: figures, and the calls of each way."""
     sys.path.insert(0, str(root))
     found = list[tuple[str, str]]()
     for name, center in (("first", (83.8, -5.4)), ("second", (210.8, 54.3))):
@@ -356,10 +438,19 @@ def hops(root: Path) -> list[tuple[str, str]]:
         inner = trace.files("identification", "solving")
         found.append(("of these in identification and solving", str(len(inner))))
         found.append(("changes of file in that trace", f"{trace.changes():,}"))
-    slew, stop = asyncio.run(_orders_traced(root))
-    for what, (functions, files) in (("slew", slew), ("stop", stop)):
-        found.append((f"{what} of a checked mount to its wire", f"{functions} functions in {files} files"))
-    return found
+    trace = asyncio.run(_service_traced(root))
+    ways = list[tuple[str, list[Call]]]()
+    for what, legs in WAYS.items():
+        way = trace.way(legs)
+        ways.append((what, way))
+        found.append((what, f"{len(way)} functions in {_files(way)} files"))
+        entered = trace.entered(legs)
+        found.append(("entered in all on that way", f"{len(entered)} functions in {_files(entered)} files"))
+    return found, ways
+
+
+def _files(calls: Iterable[Call]) -> int:
+    return len({file for file, _ in calls})
 
 
 def _solve_traced(root: Path, ra_deg: float, dec_deg: float) -> Trace:
@@ -383,44 +474,39 @@ def _solve_traced(root: Path, ra_deg: float, dec_deg: float) -> Trace:
     return trace
 
 
-async def _orders_traced(root: Path) -> tuple[tuple[int, int], tuple[int, int]]:
-    from drivers.fakes.bench import FakeOnPty
-    from drivers.registry import make_fake, open_mount
-    from mountnav.clock import SystemClock
-    from mountnav.journal.memory import MemoryJournal
-    from mountnav.mount import CheckedMount
-    from mountnav.pointing.limits import Limits
-    from mountnav.simulation.mechanics import Mechanics, PointingErrors
-    from mountnav.sky.coordinates import Air, Site
+async def _service_traced(root: Path) -> Trace:
+    import httpx
 
-    site, air = Site(47.0, 11.0, 600.0), Air()
-    with FakeOnPty(make_fake("lx200", "onstep", Mechanics(site, air, PointingErrors()))) as bench:
-        mount = CheckedMount(
-            open_mount(f"lx200+serial://{bench.address}", site=site),
-            telescope="traced",
-            limits=Limits(0.0),
-            site=site,
-            air=air,
-            journal=MemoryJournal(),
-            clock=SystemClock(),
-        )
-        await mount.open()
-        mount.trust()
-        try:
-            here = (await mount.reading()).place
-            trace = Trace(root, "Lx200Exchange.once")
+    from api.http.app import create_app
+    from mountnav.settings.observatory import Settings
+
+    trace = Trace(root, tuple(leg for legs in WAYS.values() for leg in legs))
+    with TemporaryDirectory() as folder:
+        os.environ["MOUNTNAV_JOURNAL"] = str(Path(folder) / "journal.sqlite")
+        app = create_app(Settings.parse(OBSERVATORY))
+        transport = httpx.ASGITransport(app=app)
+        async with (
+            app.router.lifespan_context(app),
+            httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1/v1", timeout=60) as client,
+        ):
+            east = "/telescopes/east"
+            # its answer is all that a client sees of the first reading
+            while not (here := (await client.get(east)).json())["icrs"]:  # noqa: ASYNC110
+                await asyncio.sleep(0.2)
+            target = {"ra_deg": here["icrs"]["ra_deg"], "dec_deg": here["icrs"]["dec_deg"] - 8.0}
             with trace.on():
-                slewing = asyncio.create_task(mount.slew(replace(here, dec_deg=here.dec_deg - 5.0)))
-                await asyncio.sleep(1.0)
-            slew = trace.way()
-            trace = Trace(root, "Exchange.send_now")
-            with trace.on():
-                await mount.stop()
-            stop = trace.way()
-            await asyncio.gather(slewing, return_exceptions=True)
-        finally:
-            await mount.close()
-    return slew, stop
+                job = (await client.post(f"{east}/center", json=target)).raise_for_status().json()
+                while not job["finished_utc"]:
+                    await asyncio.sleep(0.2)
+                    job = (await client.get(f"/jobs/{job['id']}")).json()
+                if job["state"] != "succeeded":
+                    raise SystemExit(f"not centered: {job}")
+                target["dec_deg"] -= 12.0
+                (await client.post(f"{east}/slew", json=target)).raise_for_status()
+                await asyncio.sleep(0.3)
+                (await client.post(f"{east}/stop")).raise_for_status()
+                await asyncio.sleep(0.3)
+    return trace
 
 
 def main() -> None:
@@ -429,11 +515,17 @@ def main() -> None:
     parser.add_argument(
         "--list", choices=("up", "circles", "constants"), help="what a figure counts, by name"
     )
-    parser.add_argument("--hops", action="store_true", help="what a solve, a slew and a stop pass through")
+    parser.add_argument(
+        "--hops", action="store_true", help="what a solve, a centering and a stop pass through"
+    )
+    parser.add_argument("--calls", action="store_true", help="with --hops: each call of the ways")
     given = parser.parse_args()
     if given.hops:
-        table = hops(given.folder)
+        table, ways = hops(given.folder)
         print("\n".join(f"{what:<{max(len(one) for one, _ in table)}}  {figure}" for what, figure in table))
+        for what, way in ways if given.calls else ():
+            print(f"\n{what}")
+            print("\n".join(f"    {file} {function}" for file, function in way))
         return
     modules = modules_of(given.folder)
     if given.list == "up":

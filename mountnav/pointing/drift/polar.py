@@ -35,7 +35,7 @@ _HIGHEST_COS = 0.05
 
 
 def from_drift(stretches: Sequence[Stretch], site: Site) -> tuple[PolarError | None, str]:
-    """Fit ME and MA to drift rates, less refraction, with the motor's rate and flexure free; or None, and why."""
+    """Fit ME and MA to drift rates, less refraction, the motor's rate and flexure free; or None, and why."""
     rows, right = [], []
     latitude = math.radians(site.latitude_deg)
     for one in stretches:
