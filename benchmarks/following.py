@@ -45,8 +45,8 @@ from mountnav.ephemeris import Ephemeris, SkyRatesTarget, SolarSystemBody
 from mountnav.errors import DeviceRefused, MountnavError
 from mountnav.journal.memory import MemoryJournal
 from mountnav.navigation.equipment import equip
-from mountnav.navigation.follow import FollowReport
 from mountnav.navigation.follow_plan import FollowBy
+from mountnav.navigation.follow_report import FollowReport
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.rates_seen import RateFault as Named

@@ -39,7 +39,7 @@ from mountnav.clock import utc_now
 from mountnav.devices import Direction, OffsetRates, TrackingRate
 from mountnav.ephemeris import Ephemeris
 from mountnav.navigation.aim_points import AimPoint, PixelPoint
-from mountnav.navigation.follow import FollowReport
+from mountnav.navigation.follow_report import FollowReport
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.rotating import FieldAngle
 from mountnav.navigation.searching import SearchBounds

@@ -31,7 +31,7 @@ from api.orders.targets import Body as Body
 from api.orders.vocabulary import OrderKind
 from api.problems import Problem
 from mountnav.devices import Epoch, SlewOutcome
-from mountnav.navigation.follow import FollowReport
+from mountnav.navigation.follow_report import FollowReport
 from mountnav.navigation.reports import (
     CenterReport,
     CoordinateSyncReport,

@@ -10,8 +10,10 @@ from scipy import ndimage
 
 from mountnav.errors import BadFrame
 from mountnav.frames import Frame
-from mountnav.measuring.artifacts import Artifacts, bad_lines, find_artifacts, find_cosmics, heal_lines
+from mountnav.measuring.artifacts import Artifacts, find_artifacts
 from mountnav.measuring.background import Background, Image, estimate_background, fine_structure
+from mountnav.measuring.bad_lines import bad_lines, heal_lines
+from mountnav.measuring.cosmics import find_cosmics
 from mountnav.measuring.detection import Peaks, Smoothed, find_peaks, first_of_twins, smooth, typical_fwhm
 from mountnav.measuring.epsf import Epsf, find_epsf, fit_epsf, smooth_with_epsf, without_sidelobes
 from mountnav.measuring.flags import FlagContext, flag_sources

@@ -18,7 +18,8 @@ from mountnav.navigation.aiming import Aiming, point_seen
 from mountnav.navigation.centering import center_in_time
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.first_light import first_light
-from mountnav.navigation.follow import Following, FollowProgress, FollowReport
+from mountnav.navigation.follow import Following
+from mountnav.navigation.follow_report import FollowProgress, FollowReport
 from mountnav.navigation.holding import (
     DitherReport,
     DitherWish,

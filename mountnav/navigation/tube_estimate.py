@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 from mountnav.devices import OffsetRates
-from mountnav.navigation.rates_seen import OrderedRates, ordered_between
+from mountnav.navigation.rates_measured import OrderedRates, ordered_between
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import displaced, offset_arcsec, turn_deg
 

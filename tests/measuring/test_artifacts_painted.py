@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from mountnav.measuring.artifacts import find_cosmics, sharpest
+from mountnav.measuring.cosmics import find_cosmics, sharpest
 from mountnav.measuring.measure import measure
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.saturation import find_saturated_patches

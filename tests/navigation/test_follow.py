@@ -13,8 +13,9 @@ from mountnav.devices import OffsetRates
 from mountnav.ephemeris import SkyRatesTarget
 from mountnav.errors import BadRequest, Cancelled, DeviceRefused, OutsideLimits
 from mountnav.journal.records import EntryKind
-from mountnav.navigation.follow import FollowEnd, Following, FollowProgress, FollowReport
+from mountnav.navigation.follow import Following
 from mountnav.navigation.follow_plan import FollowBy
+from mountnav.navigation.follow_report import FollowEnd, FollowProgress, FollowReport
 from mountnav.navigation.rates_kept import RATES_KEPT
 from mountnav.navigation.rates_seen import RateFault as Named
 from mountnav.navigation.reports import Look

@@ -14,7 +14,7 @@ from mountnav.ephemeris import SkyRatesTarget
 from mountnav.ephemeris.satellite import EarthSatellite
 from mountnav.ephemeris.tle import read_tle
 from mountnav.errors import MountnavError
-from mountnav.navigation.follow import FollowProgress, FollowReport
+from mountnav.navigation.follow_report import FollowProgress, FollowReport
 from mountnav.navigation.policy import CorrectBy
 from mountnav.navigation.rates_seen import RateFault as Named
 from mountnav.simulation.mechanics import PointingErrors

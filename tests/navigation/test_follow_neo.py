@@ -17,8 +17,8 @@ from mountnav.ephemeris.any_text import read_elements
 from mountnav.ephemeris.csv_table import read_csv_table
 from mountnav.ephemeris.ephemeris import sky_rates
 from mountnav.ephemeris.small_body import SmallBody
-from mountnav.navigation.follow import FollowProgress, FollowReport
 from mountnav.navigation.follow_plan import FollowBy
+from mountnav.navigation.follow_report import FollowProgress, FollowReport
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.observer import site_geocentric_km
 from mountnav.sky.sphere import separation_arcsec

@@ -16,7 +16,7 @@ from mountnav.ephemeris import SkyRatesTarget
 from mountnav.frames import Frame
 from mountnav.journal.memory import MemoryJournal
 from mountnav.navigation.equipment import equip
-from mountnav.navigation.follow import FollowReport
+from mountnav.navigation.follow_report import FollowReport
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.rates_seen import RateFault as Named

@@ -13,19 +13,15 @@ from hypothesis import strategies as st
 
 from mountnav.devices import STARS_RATES, OffsetRates, PierSide
 from mountnav.measuring.measurements import SkyQuality, StarImages
-from mountnav.navigation.rates_seen import (
+from mountnav.navigation.rates_measured import (
     OrderedRates,
-    RateCorrection,
-    RateDoubts,
-    RateFault,
     RateLook,
-    RatesJudgement,
     SeenRates,
-    judge_rates,
     ordered_between,
     rates_of,
     trail_of,
 )
+from mountnav.navigation.rates_seen import RateCorrection, RateDoubts, RateFault, RatesJudgement, judge_rates
 from mountnav.sky.coordinates import SIDEREAL_ARCSEC_S, SOLAR_TO_SIDEREAL, Icrs
 from mountnav.sky.sphere import turn_deg
 

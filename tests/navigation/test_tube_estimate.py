@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mountnav.devices import OffsetRates
-from mountnav.navigation.rates_seen import OrderedRates
+from mountnav.navigation.rates_measured import OrderedRates
 from mountnav.navigation.tube_estimate import MOST_DRIFT_ARCSEC_S, TubeEstimate
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import displaced, separation_arcsec

@@ -15,7 +15,7 @@ from mountnav.catalog.stars import Stars
 from mountnav.errors import BadSettings
 from mountnav.frames import Frame, Hint
 from mountnav.measuring.measurements import StarImages
-from mountnav.navigation.rates_seen import trail_of
+from mountnav.navigation.rates_measured import trail_of
 from mountnav.simulation.optics import SimulatedOptics
 from mountnav.simulation.render import draw_frame, project
 from mountnav.simulation.trails import MovingBody

@@ -17,7 +17,7 @@ from api.orders.targets import NamedTarget, RatesTarget
 from api.orders.vocabulary import FollowBody, FollowOrder, Order
 from mountnav.clock import utc_now
 from mountnav.ephemeris import SkyRatesTarget
-from mountnav.navigation.follow import FollowReport
+from mountnav.navigation.follow_report import FollowReport
 from tests.api.all_faces.attacked_service import OBSERVATORY, Standing, standing, until, up_now
 from tests.navigation.rated_mount import RatedMount
 from tests.navigation.virtual_rig import VirtualRig, in_virtual_time
