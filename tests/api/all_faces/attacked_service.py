@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 
 from api.http.app import create_app
@@ -20,9 +20,9 @@ from mountnav.settings.observatory import Settings
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import Air, Apparent, HourAngle, Site
+from tests.waiting import until
 
 SITE = Site(47.0, 11.0, 600.0)
-PATIENCE_S = 180.0
 OBSERVATORY = """
 [service]
 port = 0
@@ -182,16 +182,6 @@ def fake_on_tcp() -> Iterator[tuple[FakeOnTcp, str]]:
         camera, limits = after.index("[telescope.camera]"), after.index("[telescope.centering]")
         folder = '[telescope.camera]\nkind = "folder"\npath = "/"\n'
         yield bench, f'{before}url = "lx200+{url}?dialect=onstep"{after[:camera]}{folder}{after[limits:]}'
-
-
-async def until(true: Callable[[], object], what: str) -> None:
-    """Wait for something that shows by itself."""
-    try:
-        async with asyncio.timeout(PATIENCE_S):
-            while not true():
-                await asyncio.sleep(0.01)
-    except TimeoutError:
-        raise AssertionError(f"not {what}") from None
 
 
 def up_now(ha_deg: float, dec_deg: float) -> Apparent:

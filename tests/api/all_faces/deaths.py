@@ -19,17 +19,20 @@ from pathlib import Path
 
 import httpx
 
-from tests.api.all_faces.attacked_service import PATIENCE_S, up_now
+from tests.api.all_faces.attacked_service import up_now
 from tests.api.all_faces.dying_client import EAST, LEASE_S, RATES_S
 from tests.api.observatory.test_dead_man import ONSTEP, TrueMount, mount_of, sidereal
 from tests.drivers.indi.real_server import free_port
+from tests.settings_text import FREE_GERMAN_MOUNT
+from tests.waiting import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[3]
 SILENCE_S, KEY_S = 2.0, 10.0
 """Ends of a motion: of a program that is silent, and of one whose silence can't be known."""
 LATE_S = 4.0
 """How much later than its end a motion may be seen to be over, on a busy machine: it brakes, and is read."""
-SETTINGS = """
+SETTINGS = (
+    """
 [service]
 port = {http}
 state_poll_s = 0.2
@@ -57,20 +60,9 @@ enabled = true
 port = {lx200}
 silence_s = {silence}
 move_axis_s = {key}
-[[telescope]]
-id = "east"
-[telescope.mount]
-url = "{url}"
-mounting = "german"
-[telescope.camera]
-kind = "folder"
-path = "{folder}"
-[telescope.limits]
-sun_cone_deg = 5.0
-min_altitude_deg = 5.0
-past_meridian_east_deg = 180.0
-past_meridian_west_deg = 180.0
 """
+    + FREE_GERMAN_MOUNT
+)
 DEATHS = ("killed", "reset", "silent", "suspended")
 KINDS: dict[tuple[str, str], tuple[float, float]] = {
     ("http", "axis"): (2.0, 2.0),

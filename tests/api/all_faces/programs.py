@@ -16,8 +16,9 @@ from drivers.indi.codec import messages as orders
 from drivers.indi.codec.messages import Changed, Defined, Event, Reader, State
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent
-from tests.api.all_faces.attacked_service import PATIENCE_S, Standing
+from tests.api.all_faces.attacked_service import Standing
 from tests.api.planetarium.stellarium_client import goto_message
+from tests.waiting import PATIENCE_S
 
 EAST = "/v1/telescopes/east"
 FACES = ("rest", "alpaca", "indi", "lx200", "stellarium")

@@ -18,8 +18,9 @@ import pytest
 from drivers.fakes.wire_fake import WireFake
 from drivers.lx200.codec.angles import ra_from_text
 from mountnav.sky.coordinates import Apparent
-from tests.api.all_faces.attacked_service import PATIENCE_S, fake_on_tcp, until, up_now
+from tests.api.all_faces.attacked_service import fake_on_tcp, up_now
 from tests.api.all_faces.programs import EAST
+from tests.waiting import PATIENCE_S, until
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from tests.api.all_faces.attacked_service import Standing, standing, until, up_now
+from tests.api.all_faces.attacked_service import Standing, standing, up_now
 from tests.api.all_faces.programs import EAST, FACES, RestHand, hands
+from tests.waiting import until
 
 SHORTEST_S = 5.0
 

@@ -12,8 +12,9 @@ from drivers.fakes.bench import FakeOnTcp
 from drivers.fakes.faults import Fault
 from drivers.indi.codec.messages import State
 from mountnav.clock import utc_now
-from tests.api.all_faces.attacked_service import Standing, fake_on_tcp, standing, until, up_now
+from tests.api.all_faces.attacked_service import Standing, fake_on_tcp, standing, up_now
 from tests.api.all_faces.programs import hands
+from tests.waiting import until
 
 SILENT_S = 20.0
 

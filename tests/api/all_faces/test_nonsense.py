@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 
 from drivers.fakes.faults import Fault
-from tests.api.all_faces.attacked_service import Standing, standing, until, up_now
+from tests.api.all_faces.attacked_service import Standing, standing, up_now
 from tests.api.all_faces.programs import EAST, hands
+from tests.waiting import until
 
 REST_BODIES = (
     b'{"ra_deg": NaN, "dec_deg": 10.0}',

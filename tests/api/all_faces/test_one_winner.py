@@ -6,8 +6,9 @@ import asyncio
 
 import pytest
 
-from tests.api.all_faces.attacked_service import standing, until, up_now
+from tests.api.all_faces.attacked_service import standing, up_now
 from tests.api.all_faces.programs import FACES, hands
+from tests.waiting import until
 
 
 @pytest.mark.long

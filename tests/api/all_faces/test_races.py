@@ -10,8 +10,9 @@ import httpx
 import pytest
 
 from api.access.callers import Face
-from tests.api.all_faces.attacked_service import STOP, Standing, standing, until, up_now
+from tests.api.all_faces.attacked_service import STOP, Standing, standing, up_now
 from tests.api.all_faces.programs import EAST, hands
+from tests.waiting import until
 
 
 def _slew(ha_deg: float, dec_deg: float) -> dict[str, Any]:

@@ -48,8 +48,9 @@ from drivers.fakes.faults import Fault
 from drivers.wire.wire_log import WireLog
 from mountnav.clock import utc_now
 from mountnav.sky.coordinates import Apparent
-from tests.api.all_faces.attacked_service import STOP, Standing, standing, until, up_now
+from tests.api.all_faces.attacked_service import STOP, Standing, standing, up_now
 from tests.api.all_faces.programs import EAST, hands
+from tests.waiting import until
 
 BOSS = Caller("tests", Role.CONFIGURE, Face.REST)
 STOPS = ("rest", "rest-all", "rest-cancel", "alpaca", "indi", "lx200")

@@ -19,9 +19,9 @@ from mountnav.simulation.mechanics import Mechanics
 from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_apparent
 from mountnav.sky.coordinates import Air, Apparent, HourAngle, Icrs, Site
 from mountnav.sky.sphere import separation_arcsec
+from tests.waiting import PATIENCE_S
 
 SITE = Site(47.0, 11.0, 600.0)
-PATIENCE_S = 60.0
 OBSERVATORY = """
 [service]
 port = 0
@@ -98,16 +98,6 @@ def up_now(ha_deg: float, dec_deg: float) -> Apparent:
 def apart_arcsec(a: Apparent | Icrs, b: Apparent | Icrs) -> float:
     """Distance of two places of the same kind."""
     return separation_arcsec(Icrs(a.ra_deg, a.dec_deg), Icrs(b.ra_deg, b.dec_deg))
-
-
-async def until(true: Callable[[], bool], what: str) -> None:
-    """Wait for something that shows by itself."""
-    try:
-        async with asyncio.timeout(PATIENCE_S):
-            while not true():
-                await asyncio.sleep(0.01)
-    except TimeoutError:
-        raise AssertionError(f"not {what}") from None
 
 
 class Raw:

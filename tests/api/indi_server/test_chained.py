@@ -20,17 +20,11 @@ from mountnav.clock import utc_now
 from mountnav.sky.chain import apparent_to_icrs
 from mountnav.sky.coordinates import Apparent
 from mountnav.sky.sphere import separation_arcsec
-from tests.api.indi_server.face_rig import (
-    OBSERVATORY,
-    apart_arcsec,
-    indi_observatory,
-    mechanics_of,
-    until,
-    up_now,
-)
+from tests.api.indi_server.face_rig import OBSERVATORY, apart_arcsec, indi_observatory, mechanics_of, up_now
 from tests.drivers.indi.real_server import CCD
 from tests.drivers.indi.real_server import IndiServer as StockServer
 from tests.drivers.indi.real_sky import GscSky
+from tests.waiting import until
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 Rig = tuple[Service, IndiServer, StockServer]

@@ -16,7 +16,8 @@ import pytest
 
 from mountnav.clock import utc_now
 from mountnav.sky.coordinates import Apparent
-from tests.api.indi_server.face_rig import apart_arcsec, indi_observatory, mechanics_of, until
+from tests.api.indi_server.face_rig import apart_arcsec, indi_observatory, mechanics_of
+from tests.waiting import until
 
 PROGRAMS = {"kstars": "kstars", "Xvfb": "xvfb", "dbus-daemon": "dbus-daemon", "dbus-send": "dbus-bin"}
 INDI = "org.kde.kstars.INDI"

@@ -24,9 +24,9 @@ from tests.api.indi_server.face_rig import (
     mechanics_of,
     raw_client,
     switch,
-    until,
     up_now,
 )
+from tests.waiting import until
 
 SHORT = OBSERVATORY.replace("[indi_server]\n", "[indi_server]\nmove_axis_s = 3.0\noffset_rates_s = 2.0\n")
 NS, WE = "TELESCOPE_MOTION_NS", "TELESCOPE_MOTION_WE"

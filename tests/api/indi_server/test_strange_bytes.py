@@ -24,9 +24,9 @@ from tests.api.indi_server.face_rig import (
     mechanics_of,
     raw_client,
     switch,
-    until,
     up_now,
 )
+from tests.waiting import until
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 STOP = switch("TELESCOPE_ABORT_MOTION", "ABORT")

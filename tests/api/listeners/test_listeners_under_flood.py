@@ -19,7 +19,8 @@ from api.observatory.observatory import Telescope
 from api.planetarium.lx200_server import Lx200Server
 from api.planetarium.lx200_session import Lx200Client
 from api.service import Service
-from tests.api.indi_server.face_rig import observatory, raw_client, switch, until
+from tests.api.indi_server.face_rig import observatory, raw_client, switch
+from tests.waiting import until
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 BELOW = b":Sr10:00:00#:Sd-89*00:00#:MS#"

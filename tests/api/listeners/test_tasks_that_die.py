@@ -27,7 +27,8 @@ from api.planetarium.lx200_server import Lx200Server
 from api.planetarium.lx200_session import Lx200Client
 from api.planetarium.stellarium_server import StellariumServer
 from api.service import Service
-from tests.api.indi_server.face_rig import observatory, raw_client, switch, until, up_now
+from tests.api.indi_server.face_rig import observatory, raw_client, switch, up_now
+from tests.waiting import until
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 CALLER = Caller("a program", Role.OPERATE, Face.ALPACA)

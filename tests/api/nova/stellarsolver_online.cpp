@@ -7,30 +7,23 @@
 #include <cstdio>
 
 #include <QCoreApplication>
-#include <QFile>
 #include <QObject>
 #include <QTimer>
 
 #include <stellarsolver.h>
+
+#include "../stellarsolver_frame.h"
 
 int main(int count, char **given)
 {
     QCoreApplication app(count, given);
     if (count != 8)
         return 2;
-    QFile file(given[2]);
-    if (!file.open(QIODevice::ReadOnly))
+    RawFrame frame;
+    if (!frame.read(given[2], given[3], given[4]))
         return 2;
-    QByteArray pixels = file.readAll();
-    FITSImage::Statistic image;
-    image.width = QString(given[3]).toInt();
-    image.height = QString(given[4]).toInt();
-    image.samples_per_channel = uint32_t(image.width) * image.height;
-    image.bytesPerPixel = 2;
-    image.dataType = 20; // TUSHORT
-    image.size = pixels.size();
 
-    StellarSolver solver(image, reinterpret_cast<const uint8_t *>(pixels.constData()));
+    StellarSolver solver(frame.image, frame.data());
     bool stars = QString(given[7]) == "stars";
     solver.setProperty("ProcessType", SOLVE);
     solver.setProperty("ExtractorType", stars ? EXTRACTOR_INTERNAL : EXTRACTOR_BUILTIN);

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -22,6 +20,7 @@ from tests.api.nova.nova_service import (
     noise,
     pixels,
 )
+from tests.api.stellarsolver import compiled
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.long]
 SOURCE = Path(__file__).with_name("stellarsolver_online.cpp")
@@ -30,22 +29,12 @@ ITS_OWN_RACE = 4
 leaves its loop when it looks between the stages of monitoring and of the log), and would wait for ever."""
 TRIES = 4
 """Seen once in some thirty runs. Doubled, slow answers of ours would hide behind it."""
-PACKAGES = ("stellarsolver", "Qt5Core", "Qt5Network")
 
 
 @pytest.fixture(scope="module")
 def driver(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The small program around the library, compiled."""
-    if shutil.which("g++") is None or shutil.which("pkg-config") is None:
-        pytest.skip("there is no g++ or no pkg-config")
-    asked = subprocess.run(["pkg-config", "--cflags", "--libs", *PACKAGES], capture_output=True, text=True)
-    if asked.returncode:
-        pytest.skip("libstellarsolver-dev and qtbase5-dev are not installed")
-    made = tmp_path_factory.mktemp("stellarsolver") / "online"
-    subprocess.run(
-        ["g++", "-std=c++17", "-fPIC", "-o", str(made), str(SOURCE), *asked.stdout.split()], check=True
-    )
-    return made
+    return compiled(SOURCE, tmp_path_factory.mktemp("stellarsolver") / "online")
 
 
 async def run(driver: Path, nova: Standing, tmp_path: Path, frame: bytes, kind: str) -> tuple[int, str, str]:

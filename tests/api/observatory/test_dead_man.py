@@ -32,26 +32,14 @@ from mountnav.journal.records import EntryKind
 from mountnav.settings.observatory import Settings
 from mountnav.sky.coordinates import SIDEREAL_DEG_S
 from tests.api.observatory.true_mount import SITE
-from tests.settings_text import SERVICE_AND_SITE
+from tests.settings_text import FREE_GERMAN_MOUNT, SERVICE_AND_SITE
 
 pytestmark = [pytest.mark.long, pytest.mark.first]  # they wait for mounts: not at the end
 
 SETTINGS = (
     SERVICE_AND_SITE
+    + FREE_GERMAN_MOUNT
     + """
-[[telescope]]
-id = "east"
-[telescope.mount]
-url = "{url}"
-mounting = "german"
-[telescope.camera]
-kind = "folder"
-path = "{folder}"
-[telescope.limits]
-sun_cone_deg = 5.0
-min_altitude_deg = 5.0
-past_meridian_east_deg = 180.0
-past_meridian_west_deg = 180.0
 [telescope.following]
 on_loss = "{on_loss}"
 """

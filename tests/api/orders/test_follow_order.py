@@ -18,9 +18,10 @@ from api.orders.vocabulary import FollowBody, FollowOrder, Order
 from mountnav.clock import utc_now
 from mountnav.ephemeris import SkyRatesTarget
 from mountnav.navigation.follow_report import FollowReport
-from tests.api.all_faces.attacked_service import OBSERVATORY, Standing, standing, until, up_now
+from tests.api.all_faces.attacked_service import OBSERVATORY, Standing, standing, up_now
 from tests.navigation.rated_mount import RatedMount
 from tests.navigation.virtual_rig import VirtualRig, in_virtual_time
+from tests.waiting import until
 
 pytestmark = pytest.mark.long
 

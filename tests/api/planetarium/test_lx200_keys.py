@@ -13,7 +13,8 @@ import pytest
 from api.planetarium.lx200_server import Lx200Server
 from api.service import Service
 from mountnav.sky.sphere import separation_arcsec
-from tests.api.indi_server.face_rig import OBSERVATORY, mechanics_of, observatory, until, up_now
+from tests.api.indi_server.face_rig import OBSERVATORY, mechanics_of, observatory, up_now
+from tests.waiting import until
 
 TOML = OBSERVATORY.replace("[lx200_server]\n", "[lx200_server]\nmove_axis_s = 4.0\nsilence_s = 1.5\n")
 

@@ -8,34 +8,27 @@
 #include <cstdio>
 
 #include <QCoreApplication>
-#include <QFile>
 #include <QFileInfo>
 #include <QObject>
 #include <QTimer>
 
 #include <stellarsolver.h>
 
+#include "../stellarsolver_frame.h"
+
 int main(int count, char **given)
 {
     QCoreApplication app(count, given);
     if (count != 11)
         return 2;
-    QFile file(QString::fromUtf8(given[2]));
-    if (!file.open(QIODevice::ReadOnly))
+    RawFrame frame;
+    if (!frame.read(given[2], given[3], given[4]))
         return 2;
-    QByteArray pixels = file.readAll();
-    FITSImage::Statistic image;
-    image.width = QString(given[3]).toInt();
-    image.height = QString(given[4]).toInt();
-    image.samples_per_channel = uint32_t(image.width) * image.height;
-    image.bytesPerPixel = 2;
-    image.dataType = 20; // TUSHORT
-    image.size = pixels.size();
     double scale = QString(given[5]).toDouble();
     double ra = QString(given[6]).toDouble(), dec = QString(given[7]).toDouble();
     QString folder = QString::fromUtf8(given[8]), kind = given[9];
 
-    StellarSolver solver(image, reinterpret_cast<const uint8_t *>(pixels.constData()));
+    StellarSolver solver(frame.image, frame.data());
     ExternalProgramPaths paths = StellarSolver::getDefaultExternalPaths(LINUX_DEFAULT);
     paths.solverPath = folder + "/solve-field";
     paths.wcsPath = folder + "/wcsinfo";

@@ -24,10 +24,10 @@ from tests.api.solver_commands.fields import (
     fits_field,
     pixels,
 )
+from tests.api.stellarsolver import compiled
 
 pytestmark = pytest.mark.long
 SOURCE = Path(__file__).with_name("stellarsolver_local.cpp")
-PACKAGES = ("stellarsolver", "Qt5Core", "Qt5Network")
 NEAR = ("83", "21.5")
 BLIND = ("0", "0")
 COMBINATIONS = [(45.0 * eighth, parity) for eighth in range(8) for parity in (1, -1)]
@@ -76,15 +76,8 @@ class Driver:
 @pytest.fixture(scope="module")
 def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Driver]:
     """All of it; the solver is ended afterwards."""
-    if shutil.which("g++") is None or shutil.which("pkg-config") is None:
-        pytest.skip("there is no g++ or no pkg-config")
-    asked = subprocess.run(["pkg-config", "--cflags", "--libs", *PACKAGES], capture_output=True, text=True)
-    if asked.returncode:
-        pytest.skip("libstellarsolver-dev and qtbase5-dev are not installed")
     folder = tmp_path_factory.mktemp("stellarsolver")
-    program = folder / "local"
-    line = ["g++", "-std=c++17", "-fPIC", "-o", str(program), str(SOURCE), *asked.stdout.split()]
-    subprocess.run(line, check=True)
+    program = compiled(SOURCE, folder / "local")
     install(folder / "bin")
     environment = {
         **os.environ,

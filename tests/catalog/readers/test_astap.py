@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.importing.order import KnowsDeclinations
-from mountnav.catalog.packed.packing import CatalogColumns
 from mountnav.catalog.readers import open_reader
 from mountnav.catalog.readers.astap.layout import all_labels, area_of
 from mountnav.catalog.stars import StarFlag
@@ -32,6 +31,7 @@ from tests.catalog.readers.astap_files import (
     raw_place,
     write_areas,
 )
+from tests.catalog.readers.read_whole import read_all, sigma_mas
 
 # the beginning of g17_1801.290 and its text as documented in HNSKY's hns_U290.pas: Polaris and delta UMi
 G17_POLE = bytes(
@@ -43,31 +43,9 @@ places = st.tuples(
 )
 
 
-def read_all(path: Path) -> CatalogColumns:
-    reader = open_reader("astap", path)
-    chunks = [chunk for part in reader.parts() for chunk in reader.read(part)]
-    colors = [chunk.color_mag for chunk in chunks if chunk.color_mag is not None]
-    return CatalogColumns(
-        np.concatenate([chunk.ra_deg for chunk in chunks]),
-        np.concatenate([chunk.dec_deg for chunk in chunks]),
-        np.concatenate([chunk.pm_ra_cosdec_mas_yr for chunk in chunks]),
-        np.concatenate([chunk.pm_dec_mas_yr for chunk in chunks]),
-        np.concatenate([chunk.mag for chunk in chunks]),
-        np.concatenate([chunk.error_curve for chunk in chunks]),
-        np.concatenate(colors) if colors else None,
-        np.concatenate([chunk.flags for chunk in chunks if chunk.flags is not None]),
-    )
-
-
-def sigma_mas(columns: CatalogColumns, epoch_yr: float) -> np.ndarray:
-    t = epoch_yr - 2000.0
-    sigma: np.ndarray = np.sqrt(columns.error_curve @ np.array([1.0, t, t * t]))
-    return sigma
-
-
 def test_real_bytes_of_the_polar_file_are_polaris_and_delta_ursae_minoris(tmp_path: Path) -> None:
     (tmp_path / "g17_1801.290").write_bytes(head("GAIA DR2, Epoch=2022. Magnitude is BP", 5) + G17_POLE)
-    stars = read_all(tmp_path)
+    stars = read_all("astap", tmp_path)
     # as computed in the notes, in radians
     assert np.radians(stars.ra_deg) == pytest.approx([0.66229324858915306, 4.5911793053194119], abs=1e-14)
     assert np.radians(stars.dec_deg[0]) == pytest.approx(1.5579529812355912, abs=1e-14)
@@ -88,7 +66,7 @@ def test_the_documented_bytes_of_sirius_are_sirius(tmp_path: Path) -> None:
     # C3 06 48, D7 39 E8 in ASTAP's comments, an old database of J2000; here with the mark they would have
     records = bytes([255, 255, 255, 0xE8 ^ 0x80, 6, 0xC3, 0x06, 0x48, 0xD7, 0x39])
     (tmp_path / f"g17_{label(101.287, -16.716, 290)}.290").write_bytes(head("Epoch=2000", 5) + records)
-    stars = read_all(tmp_path)
+    stars = read_all("astap", tmp_path)
     near = embedded_catalog().cone(Icrs(101.287155, -16.716116), 5 / 3600, epoch_yr=2000.0)
     found = SkyCoord(stars.ra_deg[0], stars.dec_deg[0], unit="deg")
     assert found.separation(SkyCoord(near.ra_deg[0], near.dec_deg[0], unit="deg")).arcsec < 0.1
@@ -142,7 +120,7 @@ def test_every_star_comes_back(
     folder = tmp_path_factory.mktemp("round")
     stars = [Star(*values) for values in given_stars]
     write_areas(folder, stars, size=size, areas=areas)
-    read = read_all(folder)
+    read = read_all("astap", folder)
     expected = sorted((*raw_place(star), star.tenths, star.color) for star in stars)
     color = np.zeros(read.mag.size) if read.color_mag is None else np.rint(read.color_mag * 10)
     got = sorted(
@@ -188,7 +166,7 @@ def test_the_head_tells_epoch_band_and_color(tmp_path: Path) -> None:
         assert reader.name == f"ASTAP {database.upper()}"
         assert "1 of 1476 areas (missing: 0101, 0201, 0202, 0203, 0301, ...)" in reader.made_from
         assert ("gives no epoch" in reader.made_from) == (epoch == 2012.5)
-        color = read_all(folder).color_mag
+        color = read_all("astap", folder).color_mag
         if color_name:
             assert color is not None
             assert color[0] == pytest.approx(42 / 50 if color_name == "B-V" else 4.2)
@@ -204,14 +182,14 @@ def test_an_impossible_epoch_is_refused(tmp_path: Path) -> None:
 
 def test_an_unknown_color_is_no_number(tmp_path: Path) -> None:
     write_areas(tmp_path, [Star(10.0, 3.0, 100, -128)], text=V50_TEXT, size=6, version=1)
-    color = read_all(tmp_path).color_mag
+    color = read_all("astap", tmp_path).color_mag
     assert color is not None
     assert np.isnan(color[0])
 
 
 def test_sigma_is_the_rounding_at_the_epoch_and_grows_by_what_such_stars_move(tmp_path: Path) -> None:
     write_areas(tmp_path, [Star(10.0, 3.0, 95), Star(10.1, 3.0, 125)])
-    stars = read_all(tmp_path)
+    stars = read_all("astap", tmp_path)
     assert sigma_mas(stars, 2025.0) == pytest.approx(np.sqrt((22.25**2 + 11.15**2) / 2), abs=0.2)
     # 68 % of the stars of magnitude 9.5 move less than 13.9 mas/yr in a coordinate, of 12.5 less than 10.5
     assert sigma_mas(stars, 2035.0) == pytest.approx(np.hypot([139.0, 105.0], 17.6), abs=0.5)
@@ -219,7 +197,7 @@ def test_sigma_is_the_rounding_at_the_epoch_and_grows_by_what_such_stars_move(tm
 
 def test_an_untold_epoch_widens_sigma(tmp_path: Path) -> None:
     write_areas(tmp_path, [Star(10.0, 3.0, 95)], text="Gaia DR3")
-    assert sigma_mas(read_all(tmp_path), 2012.5) == pytest.approx(np.hypot(8 * 13.9, 17.6), abs=0.5)
+    assert sigma_mas(read_all("astap", tmp_path), 2012.5) == pytest.approx(np.hypot(8 * 13.9, 17.6), abs=0.5)
 
 
 def test_a_star_at_360_degrees_in_an_old_database_is_a_star(tmp_path: Path) -> None:
@@ -230,7 +208,7 @@ def test_a_star_at_360_degrees_in_an_old_database_is_a_star(tmp_path: Path) -> N
     assert odd[4] - 16 < 160
     path = tmp_path / f"g17_{label(359.9, 20.0, 290)}.290"
     path.write_bytes(head("Gaia DR2 Epoch=2022", 5) + body([first], 5) + odd)
-    stars = read_all(tmp_path)
+    stars = read_all("astap", tmp_path)
     assert stars.ra_deg[1] == pytest.approx(360.0)
     assert stars.dec_deg[1] == pytest.approx(20.0, abs=2e-5)
 
@@ -251,15 +229,15 @@ def test_every_cut_that_can_be_seen_is_refused(tmp_path: Path) -> None:
     content = whole_file()
     path = tmp_path / NAME
     path.write_bytes(content)
-    total = read_all(tmp_path).mag.size
+    total = read_all("astap", tmp_path).mag.size
     seen_whole = 0
     for length in range(len(content)):
         path.write_bytes(content[:length])
         if length <= 110 or (length - 110) % 5 or content[length - 5 : length - 2] == b"\xff\xff\xff":
             with pytest.raises(BadCatalog, match="at byte"):
-                read_all(tmp_path)
+                read_all("astap", tmp_path)
         else:  # between two stars nothing tells that there were more
-            assert read_all(tmp_path).mag.size < total
+            assert read_all("astap", tmp_path).mag.size < total
             seen_whole += 1
     assert seen_whole == total - 1
 
@@ -270,7 +248,7 @@ def test_swapped_bytes_are_refused(tmp_path: Path) -> None:
         swapped = np.frombuffer(content[: len(content) // 4 * 4], dtype=f"u{width}").byteswap().tobytes()
         (tmp_path / NAME).write_bytes(swapped)
         with pytest.raises(BadCatalog, match="at byte"):
-            read_all(tmp_path)
+            read_all("astap", tmp_path)
 
 
 def test_a_byte_lost_or_doubled_is_refused(tmp_path: Path) -> None:
@@ -279,11 +257,11 @@ def test_a_byte_lost_or_doubled_is_refused(tmp_path: Path) -> None:
     for at in range(110, len(content), 7):
         path.write_bytes(content[:at] + content[at + 1 :])
         with pytest.raises(BadCatalog, match="at byte"):
-            read_all(tmp_path)
+            read_all("astap", tmp_path)
         # five bytes lost in the middle keep the length sound: the places no longer are
         path.write_bytes(content[:at] + content[at + 2 :] + b"\0\0")
         with pytest.raises(BadCatalog, match="at byte"):
-            read_all(tmp_path)
+            read_all("astap", tmp_path)
 
 
 @pytest.mark.parametrize("bit", range(8))
@@ -298,7 +276,7 @@ def test_a_flipped_bit_in_upper_byte_or_magnitude_is_refused_with_its_offset(
     path.write_bytes(bytes(content))
     if bit >= 3:  # lesser ones may stay within the area
         with pytest.raises(BadCatalog, match=r"at byte 115: expected a star of area"):
-            read_all(tmp_path)
+            read_all("astap", tmp_path)
 
 
 def test_a_magnitude_that_goes_back_is_refused(tmp_path: Path) -> None:
@@ -307,7 +285,7 @@ def test_a_magnitude_that_goes_back_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         BadCatalog, match=r"at byte 120: expected a magnitude not brighter than 14\.0.*found 12\.0"
     ):
-        read_all(tmp_path)
+        read_all("astap", tmp_path)
 
 
 def test_a_star_outside_its_area_is_refused(tmp_path: Path) -> None:
@@ -317,13 +295,13 @@ def test_a_star_outside_its_area_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         BadCatalog, match=r"at byte 120: expected a star of area .*found RA 200\.0000, Dec 30\.0000"
     ):
-        read_all(tmp_path)
+        read_all("astap", tmp_path)
 
 
 def test_a_renamed_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "d50_1909.1476").write_bytes(whole_file())
     with pytest.raises(BadCatalog, match="expected a star of area 1909"):
-        read_all(tmp_path)
+        read_all("astap", tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -340,7 +318,7 @@ def test_a_head_that_is_none_is_refused(tmp_path: Path, at: int, value: int, exp
     content[at] = value
     (tmp_path / NAME).write_bytes(bytes(content))
     with pytest.raises(BadCatalog, match=f"at byte {at}: expected .*{expected}"):
-        read_all(tmp_path)
+        read_all("astap", tmp_path)
 
 
 def test_two_databases_in_a_folder_are_refused_by_name(tmp_path: Path) -> None:
@@ -395,11 +373,11 @@ def test_a_changed_byte_is_refused_or_moves_few_stars(
     folder = tmp_path_factory.mktemp("changed")
     content = bytearray(whole_file())
     (folder / NAME).write_bytes(bytes(content))
-    before = read_all(folder)
+    before = read_all("astap", folder)
     content[at] = value
     (folder / NAME).write_bytes(bytes(content))
     try:
-        after = read_all(folder)
+        after = read_all("astap", folder)
     except BadCatalog as error:
         told = re.search(r"at byte (\d+)", str(error))
         assert told

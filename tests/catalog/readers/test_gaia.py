@@ -23,6 +23,7 @@ from mountnav.catalog.readers import open_reader
 from mountnav.catalog.readers.gaia.reader import FORMATS, GaiaReader
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog
+from tests.catalog.readers.read_whole import sigma_mas
 from tests.short_part import one_in
 
 UNITS = {
@@ -166,11 +167,6 @@ def read(path: Path) -> tuple[GaiaReader, CatalogColumns]:
 
 def filled(table: Table, name: str) -> np.ndarray:
     return np.ma.filled(np.ma.asarray(table[name]).astype(np.float64), np.nan)
-
-
-def sigma_mas(stars: CatalogColumns, year: float) -> np.ndarray:
-    t = year - 2000.0
-    return np.sqrt(stars.error_curve @ [1.0, t, t * t])
 
 
 @pytest.mark.parametrize("writer", WRITERS.values(), ids=WRITERS)

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.importing.order import KnowsDeclinations
-from mountnav.catalog.packed.packing import CatalogColumns
 from mountnav.catalog.readers import open_reader
 from mountnav.catalog.readers.siril import layout
 from mountnav.catalog.stars import StarFlag
 from mountnav.errors import BadCatalog
 from mountnav.sky.coordinates import Icrs
+from tests.catalog.readers.read_whole import read_all, sigma_mas
 from tests.catalog.readers.siril_files import SCALE, Star, head, pixel_of, whole, write_whole
 
 # pixel of level 8: RA, Dec, proper motions, temperature, G of its first star, as the makers' own test of
@@ -58,33 +58,12 @@ def real_stars() -> list[Star]:
     ]
 
 
-def read_all(path: Path) -> CatalogColumns:
-    reader = open_reader("siril", path)
-    chunks = [chunk for part in reader.parts() for chunk in reader.read(part)]
-    return CatalogColumns(
-        np.concatenate([chunk.ra_deg for chunk in chunks]),
-        np.concatenate([chunk.dec_deg for chunk in chunks]),
-        np.concatenate([chunk.pm_ra_cosdec_mas_yr for chunk in chunks]),
-        np.concatenate([chunk.pm_dec_mas_yr for chunk in chunks]),
-        np.concatenate([chunk.mag for chunk in chunks]),
-        np.concatenate([chunk.error_curve for chunk in chunks]),
-        None,
-        np.concatenate([chunk.flags for chunk in chunks if chunk.flags is not None]),
-    )
-
-
-def sigma_mas(columns: CatalogColumns, epoch_yr: float) -> np.ndarray:
-    t = epoch_yr - 2000.0
-    sigma: np.ndarray = np.sqrt(columns.error_curve @ np.array([1.0, t, t * t]))
-    return sigma
-
-
 def test_records_of_the_real_file_come_back_from_their_pixels(tmp_path: Path) -> None:
     path = write_whole(tmp_path / "siril_cat_healpix8_astro.dat", real_stars(), 8)
     reader = open_reader("siril", path)
     assert (reader.name, reader.band, reader.epoch_yr) == ("Siril Gaia DR3", "G", 2016.0)
     assert reader.color_name == ""
-    read = read_all(path)
+    read = read_all("siril", path)
     truth = np.array(list(REAL.values()))
     assert np.array_equal([pixel_of(Star(*row[:2]), 8) for row in truth], list(REAL))
     assert np.allclose(read.ra_deg, truth[:, 0], rtol=0, atol=1e-12)
@@ -120,16 +99,16 @@ def test_real_coordinates_are_32_bit_floats_cut_off_so_sigma_says_so(tmp_path: P
             assert any(int(decimal * SCALE) == round(value * SCALE) for decimal in decimals)
     bright = [Star(ra, 0.0, 5, 5, 0, 12.0) for ra in (300.0, 150.0, 10.0)]
     write_whole(tmp_path / "a.dat", bright, 2)
-    by_ra = sigma_mas(read_all(tmp_path / "a.dat"), 2016.0)
+    by_ra = sigma_mas(read_all("siril", tmp_path / "a.dat"), 2016.0)
     # 110 mas / sqrt(12) in RA beyond 256 degrees, half beyond 128, 4.1 at 10 with the cutting off
     expected = {300.0: 31.9 / np.sqrt(2), 150.0: 16.0 / np.sqrt(2), 10.0: 1.18 / np.sqrt(2)}
-    order = [round(ra) for ra in read_all(tmp_path / "a.dat").ra_deg]
+    order = [round(ra) for ra in read_all("siril", tmp_path / "a.dat").ra_deg]
     assert by_ra == pytest.approx([expected[ra] for ra in order], rel=0.02)
 
 
 def test_sigma_grows_with_what_was_cut_off_the_proper_motion(tmp_path: Path) -> None:
     write_whole(tmp_path / "a.dat", [Star(10.0, 1.0, 5, 5, 0, 12.0), Star(11.0, 1.0, 0, 0, 0, 12.5)], 1)
-    read = read_all(tmp_path / "a.dat")
+    read = read_all("siril", tmp_path / "a.dat")
     grown = np.sqrt(sigma_mas(read, 2026.0) ** 2 - sigma_mas(read, 2016.0) ** 2)
     # 0.58 mas/yr; and where there may be none, as Tycho-2's stars of that magnitude move
     assert grown == pytest.approx([5.8, 105.0], rel=0.01)
@@ -137,7 +116,7 @@ def test_sigma_grows_with_what_was_cut_off_the_proper_motion(tmp_path: Path) -> 
 
 def test_a_star_without_magnitude_is_faint_and_says_so(tmp_path: Path) -> None:
     write_whole(tmp_path / "a.dat", [Star(10.0, 1.0, 5, 5, 0, 0.0)], 1)
-    read = read_all(tmp_path / "a.dat")
+    read = read_all("siril", tmp_path / "a.dat")
     assert read.mag[0] == 21.0
     assert read.flags is not None
     assert read.flags[0] == StarFlag.NO_MAGNITUDE
@@ -149,7 +128,7 @@ def test_every_star_comes_back(
     tmp_path_factory: pytest.TempPathFactory, given_stars: list[Star], level: int
 ) -> None:
     path = write_whole(tmp_path_factory.mktemp("round") / "a.dat", given_stars, level)
-    read = read_all(path)
+    read = read_all("siril", path)
     pm = np.nan_to_num([read.pm_ra_cosdec_mas_yr, read.pm_dec_mas_yr])
     got = zip(
         np.rint(read.ra_deg * SCALE).astype(int),
@@ -182,7 +161,7 @@ def test_parts_go_through_the_pixels_once_and_are_the_same_at_every_run(
     assert len(parts) == len({part.name for part in parts}) > 570 // 40
     assert sum(part.size_bytes for part in parts) == 570 * 16
     assert [part.name for part in open_reader("siril", path).parts()] == [part.name for part in parts]
-    assert read_all(path).mag.size == 570
+    assert read_all("siril", path).mag.size == 570
     reader = open_reader("siril", path)
     assert isinstance(reader, KnowsDeclinations)
     narrowest = 180.0
@@ -200,7 +179,7 @@ def test_chunks_make_one_catalog(tmp_path: Path) -> None:
         (tmp_path / f"siril_cat1_healpix3_astro_{chunk[1]}.dat").write_bytes(whole([star], 3, chunk=chunk))
     reader = open_reader("siril", tmp_path)
     assert "3 stars in 3 of 48 chunks" in reader.made_from
-    assert sorted(read_all(tmp_path).ra_deg) == pytest.approx([10.0, 200.0, 300.0], abs=1e-6)
+    assert sorted(read_all("siril", tmp_path).ra_deg) == pytest.approx([10.0, 200.0, 300.0], abs=1e-6)
     (tmp_path / "again.dat").write_bytes(whole([near[0]], 3, chunk=(1, pixel_of(near[0], 1))))
     with pytest.raises(BadCatalog, match="don't belong to one catalog"):
         open_reader("siril", tmp_path)
@@ -232,14 +211,14 @@ def test_every_cut_is_refused(tmp_path: Path) -> None:
     content = sound()
     path = tmp_path / "a.dat"
     path.write_bytes(content)
-    assert read_all(path).mag.size == 40
+    assert read_all("siril", path).mag.size == 40
     for length in range(len(content)):
         path.write_bytes(content[:length])
         with pytest.raises(BadCatalog, match=rf"at byte {length}: expected"):
-            read_all(path)
+            read_all("siril", path)
     path.write_bytes(content + b"\0")
     with pytest.raises(BadCatalog, match=rf"at byte {len(content)}: expected 40 stars"):
-        read_all(path)
+        read_all("siril", path)
 
 
 @pytest.mark.parametrize("width", [2, 4])
@@ -250,7 +229,7 @@ def test_swapped_bytes_are_refused(tmp_path: Path, width: int) -> None:
         swapped = np.frombuffer(content[start:], dtype=f"u{width}").byteswap().tobytes()
         path.write_bytes(content[:start] + swapped)
         with pytest.raises(BadCatalog, match="at byte"):
-            read_all(path)
+            read_all("siril", path)
 
 
 def test_an_index_that_goes_back_is_refused_at_its_offset(tmp_path: Path) -> None:
@@ -258,7 +237,7 @@ def test_an_index_that_goes_back_is_refused_at_its_offset(tmp_path: Path) -> Non
     struct.pack_into("<I", content, 128 + 4 * 20, 0)
     (tmp_path / "a.dat").write_bytes(bytes(content))
     with pytest.raises(BadCatalog, match=r"at byte 208: expected a count of at least \d+.*found 0"):
-        read_all(tmp_path / "a.dat")
+        read_all("siril", tmp_path / "a.dat")
 
 
 def test_an_index_that_gives_a_star_to_the_next_pixel_but_one_is_refused(tmp_path: Path) -> None:
@@ -268,7 +247,7 @@ def test_an_index_that_gives_a_star_to_the_next_pixel_but_one_is_refused(tmp_pat
     struct.pack_into("<48I", content, 128, *([0] * 40), *counts[40:])
     (tmp_path / "a.dat").write_bytes(bytes(content))
     with pytest.raises(BadCatalog, match=r"at byte 320: expected a star of pixel 40"):
-        read_all(tmp_path / "a.dat")
+        read_all("siril", tmp_path / "a.dat")
 
 
 @pytest.mark.parametrize(
@@ -290,7 +269,7 @@ def test_numbers_out_of_range_are_refused_at_their_offset(
     struct.pack_into(form, content, at, value)
     (tmp_path / "a.dat").write_bytes(bytes(content))
     with pytest.raises(BadCatalog, match=f"at byte {at}: expected {expected}.*found {value}"):
-        read_all(tmp_path / "a.dat")
+        read_all("siril", tmp_path / "a.dat")
 
 
 @pytest.mark.parametrize(
@@ -309,7 +288,7 @@ def test_a_head_that_is_none_is_refused(tmp_path: Path, at: int, value: int, exp
     content[at] = value
     (tmp_path / "a.dat").write_bytes(bytes(content))
     with pytest.raises(BadCatalog, match=f"at byte {at}: expected .*{expected}"):
-        read_all(tmp_path / "a.dat")
+        read_all("siril", tmp_path / "a.dat")
 
 
 def test_chunks_that_contradict_themselves_are_refused(tmp_path: Path) -> None:
@@ -320,7 +299,7 @@ def test_chunks_that_contradict_themselves_are_refused(tmp_path: Path) -> None:
         content[at] ^= 0x40
         (tmp_path / "a.dat").write_bytes(bytes(content))
         with pytest.raises(BadCatalog, match=f"at byte {at}: expected .*{expected}"):
-            read_all(tmp_path / "a.dat")
+            read_all("siril", tmp_path / "a.dat")
 
 
 @pytest.mark.parametrize(("kind", "what"), [(2, "sampled spectra"), (3, "continuous spectra")])
@@ -360,11 +339,11 @@ def test_a_changed_byte_is_refused_or_changes_one_star(
     path = tmp_path_factory.mktemp("changed") / "a.dat"
     content = bytearray(sound())
     path.write_bytes(bytes(content))
-    before = read_all(path)
+    before = read_all("siril", path)
     content[at] = value
     path.write_bytes(bytes(content))
     try:
-        after = read_all(path)
+        after = read_all("siril", path)
     except BadCatalog as error:
         told = re.search(r"at byte (\d+)|catalog of .* spectra", str(error))
         assert told
