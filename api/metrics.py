@@ -6,7 +6,6 @@ Names are ``mountnav_<what>_<unit>``, counters end in ``_total``. What isn't kno
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -25,7 +24,7 @@ from api.orders.jobs import Jobs
 from mountnav import __version__
 from mountnav.clock import real_s, utc_now
 from mountnav.devices import SyncOutcome
-from mountnav.tasks import begun
+from mountnav.tasks import begun, cancelled
 
 _SOLVE_S = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0)
 """Bucket bounds of the histogram of solve times, s: from a quick look (0.05) to the longest budget. Part of
@@ -86,11 +85,8 @@ class Metrics:
 
     async def close(self) -> None:
         """Count no more."""
-        if self._task is not None:
-            self._task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._task
-            self._task = None
+        await cancelled(self._task)
+        self._task = None
 
     def text(self, *others: CollectorRegistry) -> str:
         """The figures, and those of other registries, in Prometheus' text format."""

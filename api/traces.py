@@ -8,7 +8,6 @@ attribute, numbers and words of ours: no request, no key, no file name, no free 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 from collections.abc import Mapping
 from datetime import datetime
@@ -19,7 +18,7 @@ from mountnav.devices import SlewOutcome, SyncOutcome
 from mountnav.errors import BadSettings
 from mountnav.extras import extra
 from mountnav.settings.traces import TracesSettings
-from mountnav.tasks import begun
+from mountnav.tasks import begun, cancelled
 
 if TYPE_CHECKING:
     from opentelemetry.sdk.trace import TracerProvider
@@ -107,11 +106,8 @@ class Traces:
 
     async def close(self) -> None:
         """Send what is there, and listen no more."""
-        if self._task is not None:
-            self._task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._task
-            self._task = None
+        await cancelled(self._task)
+        self._task = None
         for event in self._reader.all_at_hand():
             self.take(event)
         await asyncio.to_thread(self._provider.shutdown)

@@ -12,6 +12,7 @@ all sources for `create_task` and `ensure_future`):
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any, TypeVar
@@ -89,6 +90,14 @@ def begun(work: Coroutine[Any, Any, T], name: str, *, died: Died) -> asyncio.Tas
 
     task.add_done_callback(ended)
     return task
+
+
+async def cancelled(task: asyncio.Task[Any] | None) -> None:
+    """End a task, if there is one, and wait until it has ended; a fault that it had is raised."""
+    if task is not None:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
 
 
 def fault_words(fault: BaseException) -> str:

@@ -247,9 +247,8 @@ def comment_lines(module: Module) -> int:
         )
 
 
-def measure(root: Path) -> list[tuple[str, str]]:
+def measure(root: Path, modules: dict[str, Module]) -> list[tuple[str, str]]:
     """The table: what, and its figure."""
-    modules = modules_of(root)
     lines = {name: module.text.count("\n") for name, module in modules.items()}
     short = [name for name, count in lines.items() if count < SHORT_LINES]
     importers: dict[str, set[str]] = defaultdict(set)
@@ -535,9 +534,9 @@ def main() -> None:
     elif given.list == "constants":
         print("\n".join(line for module in modules.values() for line in bare_constants(module)[1]))
     else:
-        width = max(len(what) for what, _ in measure(given.folder))
-        for what, figure in measure(given.folder):
-            print(f"{what:<{width}}  {figure}")
+        table = measure(given.folder, modules)
+        width = max(len(what) for what, _ in table)
+        print("\n".join(f"{what:<{width}}  {figure}" for what, figure in table))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from mountnav.navigation.reports import TelescopeState
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Apparent
 from mountnav.sky.sphere import separation_arcsec
-from mountnav.tasks import begun, fault_words
+from mountnav.tasks import begun, cancelled, fault_words
 
 __all__ = ["Snapshot", "Watch", "apparent_place", "still_since"]
 
@@ -134,11 +134,8 @@ class Watch:
 
     async def close(self) -> None:
         """Read no more."""
-        if self._task is not None:
-            self._task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._task
-            self._task = None
+        await cancelled(self._task)
+        self._task = None
 
     def wake(self) -> None:
         """Something happened: read at once."""

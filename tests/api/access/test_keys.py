@@ -7,6 +7,7 @@ import json
 import os
 import re
 import stat
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -217,3 +218,29 @@ def test_a_disk_without_room_changes_no_key(path: Path, monkeypatch: pytest.Monk
     assert store.find(secret) is not None
     assert path.read_bytes() == before
     assert sorted(one.name for one in path.parent.iterdir()) == names
+
+
+@pytest.mark.parametrize("overlap", [timedelta(seconds=-1), timedelta.max])
+def test_an_overlap_that_is_no_length_of_time_leaves_the_key_as_it_was(
+    path: Path, overlap: timedelta
+) -> None:
+    store = KeyStore(path)
+    key, secret = store.new("scheduler", Role.OPERATE)
+    before = path.read_bytes()
+    with pytest.raises(BadRequest, match="not a length of time"):
+        store.renew("scheduler", overlap=overlap)
+    assert path.read_bytes() == before
+    assert store.find(secret) == key
+
+
+def test_keys_are_as_many_as_are_still_read(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("api.access.keys._MOST_KEYS", 2)
+    store = KeyStore(path)
+    _, secret = store.new("one", Role.VIEW)
+    store.new("two", Role.VIEW)
+    with pytest.raises(BadRequest, match="there are 2 keys already"):
+        store.new("three", Role.VIEW)
+    # one goes, and there is room
+    store.revoke("two")
+    store.new("three", Role.VIEW)
+    assert store.find(secret) is not None
