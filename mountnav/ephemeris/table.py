@@ -44,6 +44,7 @@ _MOST_ERROR_DEG: Final = 1.0
 """A place whose interpolation is less certain than this is refused. Doubled, a wild guess is offered."""
 
 _SLIP_TIMES: Final = 20.0
+"""How many times farther off than its neighbors disagree: of the next constant."""
 _SLIP_ARCSEC: Final = 5.0
 """A row is taken for a slip (a wrong digit, a row of something else) if it lies so many times farther off the
 way of its neighbors than these disagree, and at least that far. Halved, a table whose last digits are rough

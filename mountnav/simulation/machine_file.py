@@ -37,7 +37,6 @@ from mountnav.parsing import toml_of
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics
 from mountnav.simulation.pointing_errors import PointingErrors
-from mountnav.simulation.sky_clock import FastClock
 from mountnav.sky.coordinates import Air, Site
 
 _STANDARD_AIR = Air(pressure_hpa=1010.0)
@@ -117,10 +116,6 @@ class MachineFile:
             speed,
             start_utc,
         )
-
-    def make_clock(self) -> FastClock:
-        """Start its clock: for the mechanics, and with `monotonic` for the fake's wire."""
-        return FastClock(self.clock_speed, self.clock_start_utc)
 
     def make_mechanics(
         self, *, site: Site | None = None, clock: Callable[[], datetime] = utc_now

@@ -115,7 +115,7 @@ def test_a_whole_mount_from_a_file(tmp_path: Path) -> None:
     assert file.errors == PointingErrors(ih_arcsec=600)
     assert file.site == Site(-33.0, 18.5, 1700.0)
     assert file.air == Air(pressure_hpa=830.0)
-    clock = file.make_clock()
+    clock = FastClock(file.clock_speed, file.clock_start_utc)
     assert clock.speed == 20.0
     assert 0.0 <= (clock() - datetime(2026, 11, 21, 20, tzinfo=UTC)).total_seconds() < 3600.0
     mechanics = file.make_mechanics(clock=clock)
