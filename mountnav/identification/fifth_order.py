@@ -28,7 +28,7 @@ few; halved, some lenses would be held to what they aren't."""
 LEAST_CORNER_PX = 0.001
 """A term that moves no corner by more stays out: no measurement tells it, and the polynomial is shorter."""
 FIFTH = 5
-"""Degree of the polynomials that hold the term, r⁴ times the place. Nothing to be chosen: it is of this one."""
+"""Degree of the polynomials that hold the term, r⁴ times the place: nothing to be chosen."""
 
 
 @dataclass(frozen=True, slots=True)
