@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from mountnav.catalog.packed.packing import CatalogColumns
 
+from mountnav.catalog.packed.packing import CatalogColumns
 from mountnav.catalog.readers import open_reader
 
 
