@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mountnav.tasks import Crew, begun, waited_for
+from mountnav.tasks import Crew, begun, cancelled, waited_for
 
 ROOT = Path(__file__).parents[1]
 PLACE = Path("mountnav/tasks.py")
@@ -87,3 +87,27 @@ async def test_a_crew_goes_on_when_one_of_its_tasks_has_ended_well() -> None:
 async def waits(go: asyncio.Event | None) -> None:
     if go is not None:
         await go.wait()
+
+
+async def test_a_task_that_is_cancelled_has_ended_and_a_fault_that_it_had_is_raised() -> None:
+    ended: list[str] = []
+
+    async def works() -> None:
+        try:
+            await asyncio.Event().wait()
+        finally:
+            await asyncio.sleep(0)
+            ended.append("cleaned up")
+
+    async def fails() -> None:
+        raise ValueError("broken")
+
+    task = waited_for(works())
+    await asyncio.sleep(0)
+    await cancelled(task)
+    assert (task.cancelled(), ended) == (True, ["cleaned up"])
+    failed = waited_for(fails())
+    await asyncio.wait({failed})
+    with pytest.raises(ValueError, match="broken"):
+        await cancelled(failed)
+    await cancelled(None)
