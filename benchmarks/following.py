@@ -393,16 +393,15 @@ HARMLESS = frozenset({"forgotten", "lost at flip", "unturned", "1.0027 dec"})
 the side where they are right, and 0.3 % of slow rates is less than any drift."""
 
 
-def faults(families: tuple[str, ...]) -> int:
-    """Plant each fault on each family; how many went wrong."""
+def faults(families: tuple[str, ...], only: tuple[str, ...] = (), times: float = 1.0) -> int:
+    """Plant each fault on each family, at so many times the usual rates; how many went wrong."""
     wrong, named_right, harmless, refused = 0, 0, 0, 0
     for family in families:
         for name, (fault, expected) in FAULTS.items():
+            if only and name not in only:
+                continue
             chance = random.Random(f"{family} {name}")
-
-            # motors' fakes take what is faster than that for a slew, and its faults are others
-            spans = ((2.0, 2.6), (1.5, 2.0)) if family == "skywatcher" else ((3.0, 4.0), (1.5, 2.0))
-
+            spans = ((3.0 * times, 4.0 * times), (1.5 * times, 2.0 * times))
             if family in RA_ALONE:
                 spans = (spans[0], (0.0, 0.0))
 
@@ -488,6 +487,8 @@ def main() -> int:
     parser.add_argument("--targets", type=int, default=100)
     parser.add_argument("--clean", type=int, default=1000)
     parser.add_argument("--family", action="append", choices=FAMILIES)
+    parser.add_argument("--fault", action="append", choices=list(FAULTS))
+    parser.add_argument("--times", type=float, default=1.0, help="rates of the faults' targets: 1 is 4″/s")
     asked = parser.parse_args()
     families = tuple(asked.family or FAMILIES)
     wanted = asked.what or ["targets", "faults", "clean"]
@@ -495,7 +496,7 @@ def main() -> int:
     if "targets" in wanted:
         wrong += targets(asked.targets, families)
     if "faults" in wanted:
-        wrong += faults(families)
+        wrong += faults(families, tuple(asked.fault or ()), asked.times)
     if "clean" in wanted:
         wrong += clean(asked.clean)
     return 1 if wrong else 0
