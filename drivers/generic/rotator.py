@@ -318,7 +318,7 @@ class GenericRotator:
         if self._apart_deg(before.mechanical_deg, mechanical_deg) <= near_deg / 2.0 and not before.moving:
             return before
         self._require_unstopped(stops)
-        self._sent = True
+        links, self._sent = self.links, True
         try:
             await self._language.order(turn_deg(mechanical_deg))
         except DeviceRefused as refusal:
@@ -331,6 +331,12 @@ class GenericRotator:
             await clock.sleep(timing.poll_s)
             now = await self.reading()
             self._require_unstopped(stops)
+            if links != self.links:
+                raise DeviceMissing(
+                    "its connection was lost while it turned, and opened again: its count may be another",
+                    device=self.name,
+                    advice="look through the telescope before the next turn: a solve shows how it stands",
+                )
             if seen is not None:
                 await self._told(seen, now)
             at_s = clock.monotonic_s()
