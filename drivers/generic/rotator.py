@@ -245,7 +245,7 @@ class GenericRotator:
             It said no, and turned all the same; it was stopped.
         DeviceRefused
         DeviceError
-            What it does isn't known; it was stopped, also over a new connection, or says so if it couldn't be.
+            What it does isn't known; it was stopped, over a new connection if need be, or couldn't be.
         """
         if not math.isfinite(mechanical_deg):
             raise BadRequest(f"{mechanical_deg}° is not an angle", device=self.name)
@@ -363,7 +363,7 @@ class GenericRotator:
                 )
 
     async def _hold_to(self, refusal: DeviceRefused, before: RotatorReading, stops: int) -> None:
-        """Watch one that has refused to turn: if it does so all the same it is stopped, and that is raised."""
+        """Watch one that has refused: if it turns all the same it is stopped, and that is raised."""
         clock = self._clock
         until_s = clock.monotonic_s() + self._timing.refused_s
         seen = 0

@@ -74,15 +74,15 @@ real mounts."""
 
 
 _TRIM_S = 6.5
-"""So long a first motor runs at another rate than the stars' before it is taken to follow something, s: a trim
-at a slew's end and a guide pulse are over by then, and faults of rates don't strike them. Chosen by hand, above
-the longest trim of the driver (6 s). Doubled, a fault of right ascension alone strikes twice as late."""
+"""So long a first motor runs at another rate than the stars' before it is taken to follow something, s: a
+trim at a slew's end and a guide pulse are over by then, and faults of rates don't strike them. Chosen by
+hand, above the longest trim of the driver (6 s). Doubled, a fault of right ascension alone strikes late."""
 _FOLLOWS, _GUIDES = 0.19, 0.02
 """In times sidereal: a first motor that runs so near to what a star wants follows something at once, trims
 differ by 0.2 at least; and a second one that runs so near to the guide rate may be guided. Chosen by hand.
-Doubled, a fault would spoil the end of each slew; guiding and some rates more pass for each other."""
+Doubled, a fault would spoil the end of each slew; some more rates pass for guide pulses."""
 _GUIDE = 0.5
-"""Guide rate of drivers, in times sidereal [INDI eqmod]. Another one: guide pulses are taken for following."""
+"""Guide rate of drivers, in times sidereal [INDI eqmod]. Doubled, guide pulses are taken for following."""
 
 
 class FakeMotor:
@@ -222,7 +222,7 @@ class FakeMotor:
         return sure or self.follows
 
     def followed_too(self) -> None:
-        """The other one follows something: so does this one, if it runs slowly at another rate than a star's."""
+        """The other one follows something: so does this one, if it runs at another rate than a star's."""
         if self.follows_at_s is not None:
             self.follows = True
             self._run()

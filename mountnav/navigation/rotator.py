@@ -231,7 +231,7 @@ class CheckedRotator:
         return stands_deg
 
     def _heed(self, reading: RotatorReading) -> None:
-        """Take note of a connection that was opened again, and of a driver that counts the other way round."""
+        """Take note of a connection that was opened again, and of a driver that counts otherwise."""
         links: int | None = getattr(self.rotator, "links", None)
         if links != self._links:
             # it may have been switched off meanwhile, and count from anywhere

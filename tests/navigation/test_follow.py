@@ -191,6 +191,53 @@ def test_a_guess_since_which_nothing_is_seen_is_given_up(monkeypatch: pytest.Mon
 
 
 @pytest.mark.long
+def test_a_mount_that_runs_away_later_is_seen_by_its_readings() -> None:
+    later: list[asyncio.Task[None]] = []
+
+    def prepare(rig: VirtualRig) -> None:
+        async def strike() -> None:
+            # well after its rates were seen to be kept, between two looks
+            await rig.clock.sleep(430.0)
+            rig.mechanics.fail_rates(RateFault(220.0, 220.0))
+
+        later.append(asyncio.create_task(strike()))
+
+    done = followed(2.0, 1.2, prepare=prepare, minutes=10.0)
+    assert done.report.fault is Named.FACTOR_220
+    # 510″ in each second, for 10 s and a reading
+    assert max(done.truly) < 7000.0
+    assert done.truly[-1] < 60.0
+    assert done.left == (0.0, 0.0)
+
+
+class Quarters(RatedMount):
+    """Is told rates in quarters of an arcsecond a second, and asked for them it says so."""
+
+    @property
+    def rates_known(self) -> OffsetRates | None:
+        """As it was told them."""
+        known = super().rates_known
+        if known is None:
+            return None
+        return OffsetRates(round(known.ra_arcsec_s * 4.0) / 4.0, round(known.dec_arcsec_s * 4.0) / 4.0)
+
+    async def set_offset_rates(self, rates: OffsetRates) -> None:
+        """Round them."""
+        await super().set_offset_rates(
+            OffsetRates(round(rates.ra_arcsec_s * 4.0) / 4.0, round(rates.dec_arcsec_s * 4.0) / 4.0)
+        )
+
+
+def test_a_fault_that_coarse_steps_can_t_make_good_is_named_and_followed_otherwise() -> None:
+    both = RateFault(15.041, 15.041)
+    done = followed(-3.4, 1.87, fault=both, made=Quarters, settled_s=120.0)
+    assert done.report.fault is Named.FACTOR_15
+    assert done.report.by is not FollowBy.RATES
+    assert any("too coarse" in words for words in done.report.notes)
+    assert max(done.truly) < 60.0
+    assert done.left == (0.0, 0.0)
+
+
 def test_rates_that_the_mount_denies_to_have_are_given_up_at_once() -> None:
     # the driver reads them back: no look is needed for that
     done = followed(2.0, 1.2, fault=RateFault(ra_factor=0.0, dec_factor=0.0, reads_zero=True))

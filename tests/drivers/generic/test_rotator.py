@@ -236,7 +236,9 @@ class Denies(SimulatedRotatorLanguage):
 
 def test_one_that_says_no_and_turns_is_stopped_and_told() -> None:
     async def work(rig: Rig) -> None:
-        with pytest.raises(RefusedButDone, match=r"said refused \(the turn: busy\), but it turned from 10.0°"):
+        with pytest.raises(
+            RefusedButDone, match=r"said refused \(the turn: busy\), but it turned from 10.0°"
+        ):
             await rig.rotator.turn(170.0)
         assert not rig.mechanics.moving
         assert rig.mechanics.count_deg < 20.0
