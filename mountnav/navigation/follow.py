@@ -902,13 +902,15 @@ class Following:
     def _read_in_s(self) -> float:
         """How long until the mount is read: soon after its rates have changed."""
         since_s = (self._clock.utc() - self._sent[0].since_utc).total_seconds() if self._sent else 0.0
-        early = self._changed is not None or since_s < 4.0 * ALARM_AFTER_S
+        blind = self.plan is not None and self._blind(self.plan)
+        early = blind or self._changed is not None or since_s < 4.0 * ALARM_AFTER_S
         return ALARM_AFTER_S if early else READ_EVERY_S
 
     @property
     def _steady(self) -> bool:
         """Whether rates are to be judged before anything else is done by them."""
-        if self._verified or (self.plan is not None and self.plan.fast):
+        plan = self.plan
+        if self._verified or (plan is not None and (plan.fast or self._blind(plan))):
             return False
         early = self._judgement is None or self._judgement.verdict == "too-early"
         return not (early and len(self._leg) >= FIRST_LOOKS)
@@ -926,10 +928,13 @@ class Following:
         """What the mount's own readings show: where it is by a fast target, else whether all goes wrong."""
         if not self._sent or not self._in_force:
             return
-        if not plan.fast and self._changed is not None:
+        if not plan.fast and self._changed is not None and not self._blind(plan):
             await self._read_on_changed(self._changed)
             return
         since_s = (self._clock.utc() - self._sent[0].since_utc).total_seconds()
+        if not plan.fast and self._blind(plan):
+            await self._read_on_blind()
+            return
         if not plan.fast and since_s > 4.0 * ALARM_AFTER_S:
             await self._read_on_later()
             return
@@ -949,6 +954,36 @@ class Following:
         wrong = separation_arcsec(from_mount(place), from_mount(thought))
         if since_s >= 0.5 * ALARM_AFTER_S and wrong > ALARM_FACTOR * speed * led_s + ALARM_ARCSEC_S * led_s:
             await self._alarm(place, reading.utc, wrong, led_s)
+
+    def _blind(self, plan: FollowPlan) -> bool:
+        """Whether no look can be taken: the stars would be drawn out however short it is."""
+        return self._exposure_s(plan) < min(SHORTEST_LOOK_S, self._policy.exposure_s)
+
+    async def _read_on_blind(self) -> None:
+        """Where the mount is, and whether it goes as it was ordered: no look will say so."""
+        assert self._tube is not None
+        reading = await self._mount.reading()
+        self._side = reading.side
+        sigma = max(2.0, self._mount.resolution_arcsec)
+        place = for_mount(from_mount(reading.place), self._mount.epoch, reading.utc)
+        then, now = self._read, RateLook(reading.utc, place, sigma, reading.side)
+        self._read = now
+        if self._anchor is None or self._anchor.utc < self._kept[0].since_utc:
+            self._anchor, self._slips = now, 0
+        if then is not None and then.utc >= self._kept[0].since_utc:
+            led_s = (now.utc - then.utc).total_seconds()
+            thought = TubeEstimate.of(then.place, then.utc, sigma).at(now.utc, self._kept)
+            wrong = separation_arcsec(from_mount(place), from_mount(thought))
+            rates = self._kept[-1].rates
+            speed = offset_speed_arcsec_s(rates, place.dec_deg)
+            slips = wrong > SLIP_SHARE * speed * led_s + SLIP_S * speed + 2.0 * sigma
+            self._slips = self._slips + 1 if slips else 0
+            if self._slips >= SLIPS:
+                await self._alarm(place, now.utc, wrong, led_s)
+                return
+        seen = self._beside.looks(from_mount(reading.place), reading.utc)
+        here = for_mount(seen, self._mount.epoch, reading.utc)
+        self._tube = self._tube.moved_to(here, reading.utc, sigma)
 
     async def _read_on_later(self) -> None:
         """Whether since the last reading the mount went as it was told."""
