@@ -428,6 +428,8 @@ class Following:
         """Where the mount said to be as what it is sent changed by more than the target asks for."""
         self._read: RateLook | None = None
         """Where the mount said to be at its last reading."""
+        self._slewed = False
+        """Whether it said there that it slews."""
         self._renew_at_s = -math.inf
         self._trailed = 0
         self._stated: list[float] = []
@@ -992,6 +994,7 @@ class Following:
         then, sigma = self._read, max(2.0, self._mount.resolution_arcsec)
         place = for_mount(from_mount(reading.place), self._mount.epoch, reading.utc)
         now = self._read = RateLook(reading.utc, place, sigma, reading.side)
+        slewed, self._slewed = self._slewed, bool(reading.slewing)
         if then is None or then.utc < self._kept[0].since_utc:
             return
         led_s = (now.utc - then.utc).total_seconds()
@@ -1002,9 +1005,24 @@ class Following:
         )
         wrong = separation_arcsec(from_mount(place), from_mount(thought))
         if wrong > (ALARM_FACTOR * speed + ALARM_ARCSEC_S) * led_s + 2.0 * sigma:
+            # some say that they slew as long as they track at rates of their own
+            sets_out = reading.slewing and not slewed
+            if sets_out or {then.side, now.side} == {PierSide.EAST, PierSide.WEST}:
+                await self._set_out_by_itself()
+                return
             self._anchor = then
             await self._alarm(place, now.utc, wrong, led_s)
             self._anchor = None
+
+    async def _set_out_by_itself(self) -> None:
+        """It slews or has changed sides by itself, rates in force: that says nothing of them. Slew back."""
+        await self._mount.end_offset_rates()
+        self._in_force = False
+        self._note(
+            "the mount slewed by itself, as it does to change sides of the pier: its rates were ended, and "
+            "it was slewed back to the target"
+        )
+        await self._hop()
 
     async def _read_on_changed(self, then: RateLook) -> None:
         """Whether what it is sent otherwise than before leads it away."""

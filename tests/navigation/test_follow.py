@@ -69,13 +69,14 @@ def followed(
     settled_s: float = 60.0,
     tolerance_arcsec: float = TOLERANCE,
     prepare: Callable[[VirtualRig], None] = lambda rig: None,
+    ha_deg: float = -30.0,
     **given: object,
 ) -> Followed:
     async def work(rig: VirtualRig) -> Followed:
         if fault is not None:
             rig.mechanics.fail_rates(fault)
         prepare(rig)
-        target = mover(rig, ra, dec)
+        target = mover(rig, ra, dec, ha_deg=ha_deg)
         progress: list[FollowProgress] = []
         truly: list[tuple[float, float]] = []
 
@@ -191,6 +192,7 @@ def test_a_guess_since_which_nothing_is_seen_is_given_up(monkeypatch: pytest.Mon
 
 
 @pytest.mark.long
+@pytest.mark.long
 def test_a_mount_that_runs_away_later_is_seen_by_its_readings() -> None:
     later: list[asyncio.Task[None]] = []
 
@@ -207,6 +209,20 @@ def test_a_mount_that_runs_away_later_is_seen_by_its_readings() -> None:
     # 510″ in each second, for 10 s and a reading
     assert max(done.truly) < 7000.0
     assert done.truly[-1] < 60.0
+    assert done.left == (0.0, 0.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("fault", [None, RateFault(lost_by_flip=True), RateFault(unturned=True)])
+def test_a_mount_that_changes_sides_by_itself_is_followed_on_and_blamed_for_no_rate(
+    fault: RateFault | None,
+) -> None:
+    flips = Machine(mounting="german", meridian_limits_deg=(10.0, 1.0), at_limit="flip")
+    done = followed(2.0, 1.2, fault=fault, machine=flips, minutes=15.0, settled_s=660.0, ha_deg=-0.5)
+    assert any("slewed by itself" in words for words in done.report.notes)
+    assert not any("unexplained" in words for words in done.report.notes)
+    assert done.report.by is FollowBy.RATES
+    assert max(done.truly) <= 3.0 * TOLERANCE
     assert done.left == (0.0, 0.0)
 
 
