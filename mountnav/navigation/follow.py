@@ -38,7 +38,9 @@ from mountnav.errors import (
     BadFrame,
     BadRequest,
     Cancelled,
+    DeviceGarbled,
     DeviceRefused,
+    DeviceSilent,
     LimitKind,
     ModelRefused,
     MountMoved,
@@ -989,7 +991,10 @@ class Following:
 
     async def _read_on_later(self) -> None:
         """Whether since the last reading the mount went as it was told."""
-        reading = await self._mount.reading()
+        try:
+            reading = await self._mount.reading()
+        except (DeviceSilent, DeviceGarbled):
+            return  # one answer that was lost ends nothing: the next reading, or the next order, says more
         self._side = reading.side
         then, sigma = self._read, max(2.0, self._mount.resolution_arcsec)
         place = for_mount(from_mount(reading.place), self._mount.epoch, reading.utc)
