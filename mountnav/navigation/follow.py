@@ -430,6 +430,8 @@ class Following:
         """Where the mount said to be as what it is sent changed by more than the target asks for."""
         self._read: RateLook | None = None
         """Where the mount said to be at its last reading."""
+        self._catch_until_s = math.inf
+        """Until when what is off may be made good before rates are judged; monotonic."""
         self._slewed = False
         """Whether it said there that it slews."""
         self._renew_at_s = -math.inf
@@ -833,7 +835,9 @@ class Following:
         off = self._off_at(takes, self._path(min(takes, self._until)))
         span_s, catch = plan.renew_s, Offset(0.0, 0.0)
         steady = self._steady
-        if off.total_arcsec > DEAD_SHARE * self._tolerance and not (steady and self._leg_from is not None):
+        # once: where wrong rates lead away, each look would ask for more of them, and nothing be judged
+        begun = self._leg_from is not None or clock.monotonic_s() > self._catch_until_s
+        if off.total_arcsec > DEAD_SHARE * self._tolerance and not (steady and begun):
             if plan.fast:
                 most = max(MOST_CATCH_UP_ARCSEC_S, FAST_CATCH_UP_SHARE * self._speed(now))
                 within_s = max(FAST_CATCH_UP_S, off.total_arcsec / most)
@@ -841,6 +845,7 @@ class Following:
             else:
                 span_s = within_s = max(CATCH_UP_S, off.total_arcsec / MOST_CATCH_UP_ARCSEC_S)
             catch = Offset(-off.east_arcsec / within_s, -off.north_arcsec / within_s)
+            self._catch_until_s = min(self._catch_until_s, clock.monotonic_s() + 0.5 * within_s)
         span_s = max(SHORTEST_S, 2.0 * self._order_s, min(span_s, (self._until - now).total_seconds()))
         wanted = mount_rates(self._path, takes, mount.epoch, span_s)
         assert self._tube is not None
@@ -1191,6 +1196,7 @@ class Following:
     def _begin_leg(self) -> None:
         """What was seen before says nothing of the rates any more."""
         self._sent, self._kept, self._leg, self._leg_from = [], [], [], None
+        self._catch_until_s = math.inf
         self._anchor, self._slips, self._played = None, 0, None
         self._changed = self._read = None
         self._creep, self._by_reading = Offset(0.0, 0.0), False
@@ -1551,6 +1557,7 @@ class Following:
     def _begin_anew(self) -> None:
         """Rates are ordered otherwise from now on: the looks before say nothing of them."""
         self._leg, self._leg_from, self._verified = [], None, False
+        self._catch_until_s = math.inf
         self._wake.set()
 
     async def _learned(self, change: Callable[[], None]) -> None:

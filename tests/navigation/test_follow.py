@@ -70,6 +70,7 @@ def followed(
     tolerance_arcsec: float = TOLERANCE,
     prepare: Callable[[VirtualRig], None] = lambda rig: None,
     ha_deg: float = -30.0,
+    look_every_s: float | None = None,
     **given: object,
 ) -> Followed:
     async def work(rig: VirtualRig) -> Followed:
@@ -94,6 +95,7 @@ def followed(
                 target,
                 until_utc=rig.clock.utc() + timedelta(minutes=minutes),
                 tolerance_arcsec=tolerance_arcsec,
+                look_every_s=look_every_s,
                 heard=progress.append,
             )
         finally:
@@ -223,6 +225,31 @@ def test_a_mount_that_changes_sides_by_itself_is_followed_on_and_blamed_for_no_r
     assert not any("unexplained" in words for words in done.report.notes)
     assert done.report.by is FollowBy.RATES
     assert max(done.truly) <= 3.0 * TOLERANCE
+    assert done.left == (0.0, 0.0)
+
+
+class Late(RatedMount):
+    """Behind a server that passes orders on late: what is off is never made good quite."""
+
+    calls = 0
+
+    async def set_offset_rates(self, rates: OffsetRates) -> None:
+        """By 1 s to 2 s."""
+        self.calls += 1
+        await asyncio.sleep(1.0 + self.calls % 2)
+        await super().set_offset_rates(rates)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("named", [Named.SIGN_DEC, Named.FACTOR_1_15])
+def test_looks_that_follow_each_other_closely_name_a_fault_as_well(named: Named) -> None:
+    # one each 4 s: sooner than what the one before has shown is made good
+    short = replace(POLICY, exposure_s=1.0)
+    done = followed(
+        3.0, 1.7, fault=FAULTS[named], minutes=7.0, look_every_s=4.0, settled_s=240.0, policy=short, made=Late
+    )
+    assert done.report.fault is named
+    assert max(done.truly) <= 4.0 * TOLERANCE
     assert done.left == (0.0, 0.0)
 
 
