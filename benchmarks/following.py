@@ -401,8 +401,8 @@ RA_ALONE = frozenset({"lx200/ap", "ioptron"})
 """Families that take rates in right ascension alone: their targets move along it, or they were followed by
 other means, and no fault could show."""
 BY_READINGS_ARCSEC = 15.0
-"""What is too fast for looks comes no nearer than its pointing errors change on the way, ″. Chosen by hand, for
-those of `GOOD`. Doubled, half a faulty rate might pass at 60″/s."""
+"""What is too fast for looks comes no nearer than its pointing errors change on the way, ″. Chosen by hand,
+for those of `GOOD`. Doubled, half a faulty rate might pass at 60″/s."""
 Spans = tuple[tuple[float, float], tuple[float, float]]
 HARMLESS = frozenset({"forgotten", "lost at flip", "unturned", "1.0027 dec"})
 """Faults that may show in nothing: rates are sent again after each slew and each minute, the tube may hang on
@@ -411,7 +411,7 @@ the side where they are right, and 0.3 % of slow rates is less than any drift.""
 
 def faults(families: tuple[str, ...], only: tuple[str, ...] = (), times: float = 1.0) -> int:
     """Plant each fault on each family, at so many times the usual rates; how many went wrong."""
-    wrong, named_right, harmless, refused = 0, 0, 0, 0
+    wrong, named_right, harmless, refused, ended = 0, 0, 0, 0, 0
     for family in families:
         for name, (fault, expected) in FAULTS.items():
             if only and name not in only:
@@ -443,6 +443,8 @@ def faults(families: tuple[str, ...], only: tuple[str, ...] = (), times: float =
                 refused, ok = refused + 1, True  # it has none: nothing can be wrong with them
             elif isinstance(done.error, TargetNotReached) and any(words_of(one) in said for one in expected):
                 named_right, ok = named_right + 1, True  # without other means: ended, and said why
+            elif isinstance(done.error, TargetNotReached) and "the mount itself says" in said:
+                ended, ok = ended + 1, True  # its motors can't be as fast as the fault: no name, but an end
             elif "refused the rates" in said or "says afterwards" in said or "right ascension alone" in said:
                 refused, ok = refused + 1, True  # the driver's read-back has seen it
             elif (
@@ -460,7 +462,8 @@ def faults(families: tuple[str, ...], only: tuple[str, ...] = (), times: float =
                 flush=True,
             )
     print(
-        f"named {named_right}, showed in nothing {harmless}, no rates or seen by the driver {refused}, "
+        f"named {named_right}, showed in nothing {harmless}, ended without a name {ended}, no rates or seen by "
+        f"the driver {refused}, "
         f"wrong {wrong}"
     )
     return wrong
