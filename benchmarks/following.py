@@ -444,7 +444,7 @@ def faults(families: tuple[str, ...], only: tuple[str, ...] = (), times: float =
             elif isinstance(done.error, TargetNotReached) and any(words_of(one) in said for one in expected):
                 named_right, ok = named_right + 1, True  # without other means: ended, and said why
             elif isinstance(done.error, TargetNotReached) and "the mount itself says" in said:
-                ended, ok = ended + 1, True  # its motors can't be as fast as the fault: no name, but an end
+                ended, ok = ended + 1, True  # its motors can't be as fast as the fault: no name
             elif "refused the rates" in said or "says afterwards" in said or "right ascension alone" in said:
                 refused, ok = refused + 1, True  # the driver's read-back has seen it
             elif (
@@ -462,9 +462,8 @@ def faults(families: tuple[str, ...], only: tuple[str, ...] = (), times: float =
                 flush=True,
             )
     print(
-        f"named {named_right}, showed in nothing {harmless}, ended without a name {ended}, no rates or seen by "
-        f"the driver {refused}, "
-        f"wrong {wrong}"
+        f"named {named_right}, showed in nothing {harmless}, ended without a name {ended}, no rates or seen "
+        f"by the driver {refused}, wrong {wrong}"
     )
     return wrong
 
