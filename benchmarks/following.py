@@ -20,7 +20,7 @@ import random
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -32,7 +32,7 @@ from drivers.ioptron.language import IoptronLanguage
 from drivers.lx200.codec.greeting import dialect_named
 from drivers.lx200.language import Lx200Language
 from drivers.nexstar.language import NexstarLanguage
-from drivers.registry import fake_machine, make_fake
+from drivers.registry import fake_machine, make_fake, open_mount
 from drivers.simulated.behavior import MountBehavior
 from drivers.simulated.mount import SimulatedMount
 from drivers.simulated.truth_camera import TruthCamera
@@ -42,7 +42,7 @@ from drivers.wire.link import Link
 from drivers.wire.wire_log import WireLog
 from mountnav.catalog.embedded import embedded_catalog
 from mountnav.ephemeris import Ephemeris, SkyRatesTarget, SolarSystemBody
-from mountnav.errors import DeviceRefused, MountnavError
+from mountnav.errors import DeviceRefused, MountnavError, TargetNotReached
 from mountnav.journal.memory import MemoryJournal
 from mountnav.navigation.equipment import equip
 from mountnav.navigation.follow_plan import FollowBy
@@ -50,6 +50,7 @@ from mountnav.navigation.follow_report import FollowReport
 from mountnav.navigation.navigator import Navigator
 from mountnav.navigation.policy import CenteringPolicy
 from mountnav.navigation.rates_seen import RateFault as Named
+from mountnav.navigation.rates_seen import words_of
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.machine import Machine
 from mountnav.simulation.mechanics import Mechanics, PointingErrors
@@ -68,6 +69,8 @@ from mountnav.sky.coordinates import (
     Site,
 )
 from mountnav.sky.sphere import separation_arcsec
+from tests.drivers.alpaca.alpaca_server import FakeTelescope
+from tests.drivers.alpaca.in_memory import InMemory, reached_in_memory
 
 SITE, AIR = Site(47.0, 11.0, 600.0), Air(pressure_hpa=930.0, temperature_c=5.0)
 START = datetime(2026, 11, 21, 20, 0, tzinfo=UTC)
@@ -89,6 +92,8 @@ FAMILIES = (
     "synscan",
     "ioptron",
     "skywatcher",
+    "alpaca/3",
+    "alpaca/4",
 )
 _LANGUAGES: dict[str, Callable[[Link, str | None], Any]] = {
     "lx200": lambda link, dialect: Lx200Language(link, dialect_named(dialect) if dialect else None),
@@ -191,7 +196,9 @@ def run(
     clock = VirtualClock(START)
     done = Run()
     protocol, _, dialect = family.partition("/")
-    machine = Machine() if protocol == "simulated" else fake_machine(protocol)
+    served = protocol == "alpaca"
+    machine = Machine() if protocol == "simulated" else fake_machine("lx200" if served else protocol)
+    held = ExitStack()
 
     async def work() -> None:
         mechanics = Mechanics(SITE, AIR, errors, machine=machine, clock=clock)
@@ -200,6 +207,12 @@ def run(
         mount: Any
         if protocol == "simulated":
             mount = SimulatedMount(mechanics, clock, MountBehavior(most_rate_arcsec_s=7_200.0))
+        elif served:
+            telescope = FakeTelescope(mechanics, int(dialect))
+            telescope.connects_in_s = 0.0
+            telescope.site = [SITE.latitude_deg, SITE.longitude_deg, SITE.height_m]
+            held.enter_context(reached_in_memory(InMemory({"telescope/0": telescope}), clock))
+            mount = open_mount("alpaca+http://127.0.0.1:11111/telescope/0", site=SITE)
         else:
             fake = make_fake(protocol, dialect or None, mechanics, clock=clock, monotonic=clock.monotonic)
             if hasattr(fake, "aligned"):
@@ -261,7 +274,7 @@ def run(
             done.left = mechanics.beside_arcsec_s
             await navigator.close()
 
-    with virtual_time(clock) as loop:
+    with held, virtual_time(clock) as loop:
         loop.run_until_complete(work())
     return done
 
@@ -387,22 +400,24 @@ FAULTS: dict[str, tuple[RateFault, frozenset[Named]]] = {
 RA_ALONE = frozenset({"lx200/ap", "ioptron"})
 """Families that take rates in right ascension alone: their targets move along it, or they were followed by
 other means, and no fault could show."""
+BY_READINGS_ARCSEC = 15.0
+"""What is too fast for looks comes no nearer than its pointing errors change on the way, ″. Chosen by hand,
+for those of `GOOD`. Doubled, half a faulty rate might pass at 60″/s."""
 Spans = tuple[tuple[float, float], tuple[float, float]]
 HARMLESS = frozenset({"forgotten", "lost at flip", "unturned", "1.0027 dec"})
 """Faults that may show in nothing: rates are sent again after each slew and each minute, the tube may hang on
 the side where they are right, and 0.3 % of slow rates is less than any drift."""
 
 
-def faults(families: tuple[str, ...]) -> int:
-    """Plant each fault on each family; how many went wrong."""
-    wrong, named_right, harmless, refused = 0, 0, 0, 0
+def faults(families: tuple[str, ...], only: tuple[str, ...] = (), times: float = 1.0) -> int:
+    """Plant each fault on each family, at so many times the usual rates; how many went wrong."""
+    wrong, named_right, harmless, refused, ended = 0, 0, 0, 0, 0
     for family in families:
         for name, (fault, expected) in FAULTS.items():
+            if only and name not in only:
+                continue
             chance = random.Random(f"{family} {name}")
-
-            # motors' fakes take what is faster than that for a slew, and its faults are others
-            spans = ((2.0, 2.6), (1.5, 2.0)) if family == "skywatcher" else ((3.0, 4.0), (1.5, 2.0))
-
+            spans = ((3.0 * times, 4.0 * times), (1.5 * times, 2.0 * times))
             if family in RA_ALONE:
                 spans = (spans[0], (0.0, 0.0))
 
@@ -426,12 +441,16 @@ def faults(families: tuple[str, ...]) -> int:
                 and "takes no rates" in report.plan.words
             ):
                 refused, ok = refused + 1, True  # it has none: nothing can be wrong with them
+            elif isinstance(done.error, TargetNotReached) and any(words_of(one) in said for one in expected):
+                named_right, ok = named_right + 1, True  # without other means: ended, and said why
+            elif isinstance(done.error, TargetNotReached) and "the mount itself says" in said:
+                ended, ok = ended + 1, True  # its motors can't be as fast as the fault: no name
             elif "refused the rates" in said or "says afterwards" in said or "right ascension alone" in said:
                 refused, ok = refused + 1, True  # the driver's read-back has seen it
             elif (
                 (name in HARMLESS or (family in RA_ALONE and "dec" in name))
                 and found is None
-                and done.worst <= TOLERANCE_ARCSEC + 1.0
+                and done.worst <= (BY_READINGS_ARCSEC if times > 6.0 else TOLERANCE_ARCSEC + 1.0)
             ):
                 harmless, ok = harmless + 1, True
             ok = ok and done.left == (0.0, 0.0) and not done.violated
@@ -443,8 +462,8 @@ def faults(families: tuple[str, ...]) -> int:
                 flush=True,
             )
     print(
-        f"named {named_right}, showed in nothing {harmless}, no rates or seen by the driver {refused}, "
-        f"wrong {wrong}"
+        f"named {named_right}, showed in nothing {harmless}, ended without a name {ended}, no rates or seen "
+        f"by the driver {refused}, wrong {wrong}"
     )
     return wrong
 
@@ -488,6 +507,8 @@ def main() -> int:
     parser.add_argument("--targets", type=int, default=100)
     parser.add_argument("--clean", type=int, default=1000)
     parser.add_argument("--family", action="append", choices=FAMILIES)
+    parser.add_argument("--fault", action="append", choices=list(FAULTS))
+    parser.add_argument("--times", type=float, default=1.0, help="rates of the faults' targets: 1 is 4″/s")
     asked = parser.parse_args()
     families = tuple(asked.family or FAMILIES)
     wanted = asked.what or ["targets", "faults", "clean"]
@@ -495,7 +516,7 @@ def main() -> int:
     if "targets" in wanted:
         wrong += targets(asked.targets, families)
     if "faults" in wanted:
-        wrong += faults(families)
+        wrong += faults(families, tuple(asked.fault or ()), asked.times)
     if "clean" in wanted:
         wrong += clean(asked.clean)
     return 1 if wrong else 0

@@ -249,6 +249,10 @@ class Language(Protocol):
         """Order tracking at rates beside the sidereal one, in the protocol's own units and signs."""
         ...
 
+    def rounded_rates(self, rates: OffsetRates) -> OffsetRates:
+        """What is left of such rates when the protocol has rounded them."""
+        ...
+
     async def read_offset_rates(self) -> OffsetRates | None:
         """The rates that the mount says it tracks at beside the sidereal one; None where it can't."""
         ...
@@ -360,6 +364,10 @@ class Unskilled:
     async def send_offset_rates(self, rates: OffsetRates) -> None:
         """Refused."""
         raise self._unsupported("track at offset rates")
+
+    def rounded_rates(self, rates: OffsetRates) -> OffsetRates:
+        """The same: none are rounded, or the mount says to what."""
+        return rates
 
     async def read_offset_rates(self) -> OffsetRates | None:
         """None."""

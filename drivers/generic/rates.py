@@ -182,7 +182,7 @@ class Rates:
                 if lost is not None:
                     drift.unknown()
                     raise _unknown(lost, session) from lost
-                drift.settled(rates)
+                drift.settled(rates if rates.none else session.language.rounded_rates(rates))
                 return
             if self._same(told, rates):
                 drift.settled(told)

@@ -20,9 +20,12 @@ from mountnav.errors import (
     Busy,
     Cancelled,
     DeviceError,
+    DeviceGarbled,
     DeviceMissing,
+    DeviceRefused,
     DeviceSilent,
     NotReached,
+    RefusedButDone,
     TargetNotReached,
 )
 from mountnav.sky.sphere import half_turn_deg, turn_deg
@@ -38,6 +41,10 @@ coarse rotators rest three steps beside it."""
 MOVED_DEG = 0.02
 """Readings that differ by less show no motion, °: drivers give two decimals. Doubled, slow ones seem to
 stand."""
+_TELLING = 2
+"""So many readings in a row show that it turns although it has refused to. At 1 a damaged one stops it."""
+_AGAIN_S = 1.0
+"""Between two tries to stop it over a connection that was lost, s. Doubled, it turns by 3° more."""
 MOST_DEG = 3600.0
 """A reading further from 0 is no angle: ten turns. Doubled, damaged numbers pass for angles more often."""
 USUAL_STEP_DEG = 0.01
@@ -71,6 +78,10 @@ class RotatorTiming:
         A turn that takes longer is stopped: a full one at 0.6°/s.
     stop_timeout_s : float
         So long it may take to rest after a stop.
+    refused_s : float
+        After a refusal it is watched for so long: one that turns all the same is stopped.
+    lost_s : float
+        So long its connection is tried again that was lost in a turn, to stop it: one turns by 60° meanwhile.
     """
 
     poll_s: float = 0.25
@@ -79,6 +90,8 @@ class RotatorTiming:
     stall_s: float = 20.0
     turn_timeout_s: float = 600.0
     stop_timeout_s: float = 10.0
+    refused_s: float = 2.0
+    lost_s: float = 20.0
 
 
 class RotatorLanguage(Protocol):
@@ -148,8 +161,10 @@ class GenericRotator:
         self._clock = clock or SystemClock()
         self._wanted_open = False
         self._opening = asyncio.Lock()
-        self._turning = False
+        self._turning = self._sent = False
         self._stops = 0
+        self.links = 0
+        """How often its connection was opened: a count from before one may be another."""
 
     @property
     def name(self) -> str:
@@ -183,6 +198,7 @@ class GenericRotator:
         """
         async with self._opening:
             await self._language.open()
+            self.links += 1
         self._wanted_open = True
 
     async def close(self) -> None:
@@ -225,20 +241,30 @@ class GenericRotator:
         TargetNotReached
             It said that it would, and did not move (`NotReached.STUCK`); came to rest elsewhere
             (`NotReached.REST`); or took too long and was stopped (`NotReached.TIME`).
-        DeviceRefused, DeviceError
+        RefusedButDone
+            It said no, and turned all the same; it was stopped.
+        DeviceRefused
+        DeviceError
+            What it does isn't known; it was stopped, over a new connection if need be, or couldn't be.
         """
         if not math.isfinite(mechanical_deg):
             raise BadRequest(f"{mechanical_deg}° is not an angle", device=self.name)
         if self._turning:
             raise Busy("it is turning", device=self.name, advice="wait for it, or stop it")
-        self._turning = True
+        self._turning, self._sent = True, False
+        stops = self._stops
         try:
             return await self._turned(mechanical_deg, seen)
-        except (asyncio.CancelledError, DeviceSilent):
-            # nobody waits any more, or nobody knows what it does: it must not turn on
+        except asyncio.CancelledError:
+            # nobody waits any more
             with suppress(DeviceError):
                 await asyncio.shield(self._language.send_stop())
             raise
+        except (DeviceMissing, DeviceSilent, DeviceGarbled) as trouble:
+            # nobody knows what it does: it must not turn on
+            if not self._sent:
+                raise
+            raise await self._ended(trouble, stops) from trouble
         finally:
             self._turning = False
 
@@ -252,6 +278,10 @@ class GenericRotator:
         DeviceRefused, DeviceError
         """
         self._stops += 1
+        await self._stopped()
+
+    async def _stopped(self) -> Told:
+        """Stop it; how it rests."""
         await self._ready()
         await self._language.send_stop()
         timing, clock = self._timing, self._clock
@@ -262,7 +292,7 @@ class GenericRotator:
             now = await self._language.read()
             still = self._apart_deg(now.mechanical_deg, before.mechanical_deg) < MOVED_DEG
             if still and not now.moving:
-                return
+                return now
             if clock.monotonic_s() > until_s:
                 raise DeviceSilent(
                     f"it still turns {timing.stop_timeout_s:.0f} s after its stop, "
@@ -288,7 +318,12 @@ class GenericRotator:
         if self._apart_deg(before.mechanical_deg, mechanical_deg) <= near_deg / 2.0 and not before.moving:
             return before
         self._require_unstopped(stops)
-        await self._language.order(turn_deg(mechanical_deg))
+        links, self._sent = self.links, True
+        try:
+            await self._language.order(turn_deg(mechanical_deg))
+        except DeviceRefused as refusal:
+            await self._hold_to(refusal, before, stops)
+            raise
         began_s = moved_s = clock.monotonic_s()
         rests_s: float | None = None
         latest, ever = before, False
@@ -296,6 +331,12 @@ class GenericRotator:
             await clock.sleep(timing.poll_s)
             now = await self.reading()
             self._require_unstopped(stops)
+            if links != self.links:
+                raise DeviceMissing(
+                    "its connection was lost while it turned, and opened again: its count may be another",
+                    device=self.name,
+                    advice="look through the telescope before the next turn: a solve shows how it stands",
+                )
             if seen is not None:
                 await self._told(seen, now)
             at_s = clock.monotonic_s()
@@ -310,6 +351,9 @@ class GenericRotator:
                 rests_s = at_s if rests_s is None else rests_s
                 over = at_s - rests_s >= (timing.rest_s if ever else timing.start_s)
                 if over:
+                    # one that sets out late must not turn when nobody expects it any more
+                    with suppress(DeviceError):
+                        await self._language.send_stop()
                     raise self._elsewhere(before, now, mechanical_deg, ever)
             elif at_s - moved_s >= timing.stall_s:
                 await self._stopped_late(f"says that it turns, and has stood at {now.mechanical_deg:.2f}°")
@@ -317,6 +361,54 @@ class GenericRotator:
                 await self._stopped_late(
                     f"hasn't reached {mechanical_deg:.2f}°, at {now.mechanical_deg:.2f}°,"
                 )
+
+    async def _hold_to(self, refusal: DeviceRefused, before: RotatorReading, stops: int) -> None:
+        """Watch one that has refused: if it turns all the same it is stopped, and that is raised."""
+        clock = self._clock
+        until_s = clock.monotonic_s() + self._timing.refused_s
+        seen = 0
+        while not before.moving and clock.monotonic_s() < until_s:
+            now = await self.reading()
+            self._require_unstopped(stops)
+            turned_deg = self._apart_deg(now.mechanical_deg, before.mechanical_deg)
+            # one reading may be wrong
+            seen = seen + 1 if now.moving or turned_deg >= MOVED_DEG else 0
+            if seen >= _TELLING:
+                rests = await self._stopped()
+                raise RefusedButDone(
+                    f"the turn: said refused ({refusal.what}), but it turned from "
+                    f"{before.mechanical_deg:.1f}°; stopped at {rests.mechanical_deg:.1f}°",
+                    device=self.name,
+                    advice="see to its line and its driver before the next turn",
+                ) from refusal
+            await clock.sleep(self._timing.poll_s)
+
+    async def _ended(self, trouble: DeviceError, stops: int) -> DeviceError:
+        """Stop one that may be turning, over a new connection if need be; the error to raise."""
+        clock = self._clock
+        until_s = clock.monotonic_s() + self._timing.lost_s
+        why = ""
+        while stops == self._stops and self._wanted_open:
+            try:
+                rests = await self._stopped()
+            except DeviceRefused as refusal:
+                why = refusal.what
+                break
+            except DeviceError as again:
+                why = again.what
+                if clock.monotonic_s() >= until_s:
+                    break
+                await clock.sleep(_AGAIN_S)
+            else:
+                words = f"{trouble.what}; it was stopped at {rests.mechanical_deg:.1f}°"
+                return type(trouble)(words, device=self.name, advice=trouble.advice)
+        if not why:
+            return trouble  # who stops or closes it sees to that
+        return type(trouble)(
+            f"{trouble.what}; it could not be stopped ({why}): it may be turning on",
+            device=self.name,
+            advice="look at it: cables may be wound up",
+        )
 
     async def _told(self, seen: Callable[[RotatorReading], None], now: RotatorReading) -> None:
         try:
@@ -369,3 +461,4 @@ class GenericRotator:
         async with self._opening:
             if not self._language.usable:
                 await self._language.open()
+                self.links += 1

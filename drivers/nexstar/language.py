@@ -26,7 +26,7 @@ from drivers.nexstar.codec.passthrough import (
     motor_for,
 )
 from drivers.nexstar.codec.site_and_time import time_for, wire_site
-from drivers.nexstar.rates import MOST_ARCSEC_S, SPANS, STEP_ARCSEC_S, Turning
+from drivers.nexstar.rates import MOST_ARCSEC_S, SPANS, STEP_ARCSEC_S, Turning, rounded
 from drivers.nexstar.readings import EQUATORIAL, NexstarReading
 from drivers.wire.command import Command
 from drivers.wire.exchange import Patience
@@ -261,6 +261,10 @@ class NexstarLanguage(NexstarReading):
         turning = await self._turning() if not rates.none else Turning(None, self._usual_mode())
         await self._following.offset(rates, turning, self._modes())
         self._rate = None
+
+    def rounded_rates(self, rates: OffsetRates) -> OffsetRates:
+        """What both motors make of them: they are told quarters."""
+        return rounded(rates)
 
     async def read_offset_rates(self) -> OffsetRates | None:
         """None: it can't say; but that it tracks by itself again it says."""

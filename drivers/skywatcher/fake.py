@@ -73,10 +73,16 @@ _FASTEST_DEG_S = 1000.0 * SIDEREAL_DEG_S
 real mounts."""
 
 
-_FOLLOWS = 0.19
-"""In times sidereal: a motor that runs so near to what a star wants is taken to follow something, and only
-then do faults of rates strike. Chosen by hand: trims and guide pulses of drivers differ by 0.2 at least; a
-comet by less. Doubled, a fault would spoil the end of each slew."""
+_TRIM_S = 6.5
+"""So long a first motor runs at another rate than the stars' before it is taken to follow something, s: a
+trim at a slew's end and a guide pulse are over by then, and faults of rates don't strike them. Chosen by
+hand, above the longest trim of the driver (6 s). Doubled, a fault of right ascension alone strikes late."""
+_FOLLOWS, _GUIDES = 0.19, 0.02
+"""In times sidereal: a first motor that runs so near to what a star wants follows something at once, trims
+differ by 0.2 at least; and a second one that runs so near to the guide rate may be guided. Chosen by hand.
+Doubled, a fault would spoil the end of each slew; some more rates pass for guide pulses."""
+_GUIDE = 0.5
+"""Guide rate of drivers, in times sidereal [INDI eqmod]. Doubled, guide pulses are taken for following."""
 
 
 class FakeMotor:
@@ -86,21 +92,37 @@ class FakeMotor:
     ----------
     mechanics : Mechanics
         German.
+    monotonic : callable
+        Seconds, for how long it runs at a rate.
+
+    Attributes
+    ----------
+    follows : bool
+        It runs after something in the sky: faults of rates spoil that.
+    other : FakeMotor or None
+        The other one of the board.
     """
 
-    def __init__(self, axis: Axis, board: FakeBoard, mechanics: Mechanics) -> None:
+    def __init__(
+        self, axis: Axis, board: FakeBoard, mechanics: Mechanics, monotonic: Callable[[], float]
+    ) -> None:
         self.axis = axis
         self._board = board
         self._gear = board.gears[axis]
         self._mechanics = mechanics
         self._name: AxisName = "ha" if axis is Axis.HOUR_ANGLE else "dec"
-        self._follows = False
+        self._monotonic = monotonic
+        self.follows = False
+        self.other: FakeMotor | None = None
+        self.follows_at_s: float | None = None
+        """When it will be taken to follow, if it still runs so then."""
         self.sidereal_period = self._gear.period(SIDEREAL_DEG_S)
         self.boot()
 
     def boot(self) -> None:
         """Begin again: wherever it stands is the zero of its counts."""
-        self.initialized = self._follows = False
+        self.initialized = False
+        self._follows_no_more()
         self.goto = self.fast = self.backward = self._under_way = False
         self.increment, self.brake = 0, 0
         self.period = self.sidereal_period
@@ -129,7 +151,7 @@ class FakeMotor:
     def running(self) -> bool:
         """Whether it turns, slowing down included."""
         # a fault of rates may have it rest: its registers don't know
-        return self._mechanics.axis_moving(self._name) or (self._follows and self._mechanics.fails_rates)
+        return self._mechanics.axis_moving(self._name) or (self.follows and self._mechanics.fails_rates)
 
     @property
     def count(self) -> int:
@@ -168,7 +190,7 @@ class FakeMotor:
         if not self.goto:
             self._run()
             return
-        self._follows = False
+        self._follows_no_more()
         board = self._board
         turn_deg = self._zero_deg + self._gear.turn_deg(self.target - self._zero_count)
         rate_deg_s = board.goto_deg_s if self.fast else board.slow_goto_deg_s
@@ -179,15 +201,44 @@ class FakeMotor:
     def _run(self) -> None:
         rate_deg_s = min(self._gear.rate_deg_s(self.period, fast=self.fast), _FASTEST_DEG_S)
         velocity_deg_s = self._signs()[0] * (-rate_deg_s if self.backward else rate_deg_s)
-        star_deg_s = SIDEREAL_DEG_S if self.axis is Axis.HOUR_ANGLE else 0.0
-        self._follows = not self.fast and abs(velocity_deg_s - star_deg_s) < _FOLLOWS * SIDEREAL_DEG_S
+        self.follows_at_s = None
+        self.follows = not self.fast and self._is_followed(velocity_deg_s / SIDEREAL_DEG_S)
         self._mechanics.drive(
-            self._name, velocity_deg_s, self._board.acceleration_deg_s2, follows=self._follows
+            self._name, velocity_deg_s, self._board.acceleration_deg_s2, follows=self.follows
         )
+        if self.follows and self.other is not None:
+            self.other.followed_too()
+
+    def _is_followed(self, times: float) -> bool:
+        """Whether at so many times the sidereal rate it runs after something that moves among the stars."""
+        if self.axis is Axis.HOUR_ANGLE:
+            if self.period == self.sidereal_period:
+                return False
+            sure = abs(times - 1.0) < _FOLLOWS or (self.other is not None and self.other.follows)
+        else:
+            sure = abs(abs(times) - _GUIDE) > _GUIDES
+        if not (sure or self.follows):
+            self.follows_at_s = self._monotonic() + _TRIM_S
+        return sure or self.follows
+
+    def followed_too(self) -> None:
+        """The other one follows something: so does this one, if it runs at another rate than a star's."""
+        if self.follows_at_s is not None:
+            self.follows = True
+            self._run()
+
+    def tick(self) -> None:
+        """Having run so for longer than trims and pulses last, it follows something."""
+        if self.follows_at_s is not None and self._monotonic() >= self.follows_at_s:
+            self.followed_too()
+
+    def _follows_no_more(self) -> None:
+        self.follows, self.follows_at_s = False, None
 
     def stop(self, *, hard: bool) -> None:
         """Slow down, or stand still at once; the mode is the other one from now on."""
-        self.goto = self._under_way = self._follows = False
+        self.goto = self._under_way = False
+        self._follows_no_more()
         self._mechanics.halt(self._name, instant=hard)
 
 
@@ -233,7 +284,9 @@ class FakeSkywatcher(WireFake):
     ) -> None:
         super().__init__(mechanics, faults=faults, clock=clock, monotonic=monotonic)
         self.board = board
-        self.motors = {axis: FakeMotor(axis, board, mechanics) for axis in Axis}
+        self.motors = {axis: FakeMotor(axis, board, mechanics, monotonic) for axis in Axis}
+        first, second = self.motors.values()
+        first.other, second.other = second, first
 
     def cut(self, buffer: bytes) -> tuple[bytes | None, bytes]:
         """Cut ``:...CR`` off; what stands before the last colon of it is dropped, as boards do."""
@@ -332,6 +385,15 @@ class FakeSkywatcher(WireFake):
     def denial(self, command: bytes) -> bytes | None:
         """Orders it denies by an error: the motor isn't stopped."""
         return b"!2\r" if command[1:2].isupper() else None
+
+    def dues(self) -> list[float]:
+        """When motors are taken to follow something."""
+        return [one.follows_at_s for one in self.motors.values() if one.follows_at_s is not None]
+
+    def tick(self) -> None:
+        """Take motors that have run long enough at a rate to follow something."""
+        for motor in self.motors.values():
+            motor.tick()
 
     def reboot(self) -> None:
         """Power blinks: motors off, counts from where the axes stand."""

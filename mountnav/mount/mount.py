@@ -652,6 +652,15 @@ class CheckedMount:
         return self._rates.in_force
 
     @property
+    def offset_rates_told(self) -> OffsetRates | None:
+        """The rates in force as the mount was told them: rounded by its protocol. None if none are."""
+        in_force = self._rates.in_force
+        if in_force is None:
+            return None
+        known: OffsetRates | None = getattr(self._mount, "rates_known", None)
+        return in_force.rates if known is None else known
+
+    @property
     def axis_moving(self) -> bool:
         """Whether an axis moves by an order to move it, or may."""
         return self._axes.owed

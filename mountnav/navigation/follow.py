@@ -30,13 +30,16 @@ from mountnav.devices import (
     Skill,
     for_mount,
     from_mount,
+    offset_speed_arcsec_s,
 )
 from mountnav.ephemeris import Ephemeris
 from mountnav.errors import (
     BadFrame,
     BadRequest,
     Cancelled,
+    DeviceGarbled,
     DeviceRefused,
+    DeviceSilent,
     LimitKind,
     ModelRefused,
     MountMoved,
@@ -55,6 +58,7 @@ from mountnav.navigation.centering import center_in_time
 from mountnav.navigation.derotating import Derotation
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.follow_plan import (
+    LEFT_SHARE,
     PULSE_EVERY_S,
     SHORTEST_S,
     FollowBy,
@@ -82,6 +86,7 @@ from mountnav.navigation.tube_estimate import TubeEstimate, rates_on_sky
 from mountnav.pointing.limits.along import Path, SkyEvent, SkyEventKind, forecast
 from mountnav.sky.coordinates import Apparent, Icrs, Site
 from mountnav.sky.sphere import Offset, offset_arcsec, separation_arcsec
+from mountnav.solution import Reason
 from mountnav.tasks import first_of, together, waited_for
 
 __all__ = ["Following"]
@@ -125,6 +130,15 @@ much: before a look is taken the tube may be degrees away. Doubled, a factor of 
 ALARM_AFTER_S = 3.0
 """So long after the first rates the mount is read for that, s. Doubled, a factor of 220 leads twice as
 far."""
+READ_EVERY_S = 10.0
+"""The mount is read so often for that while it follows by rates, s: what goes wrong later, by a hand control
+or a change of sides, is seen then. Doubled, a factor of 220 leads twice as far."""
+TOO_COARSE = 0.3
+"""Rates that make a fault good and are left wrong by this share, when the mount's steps have rounded them,
+aren't used. Chosen by hand: looks make less good. Doubled, steps as large as its way lead it to and fro."""
+MOST_TRAILED = 2
+"""So many looks in a row show stars that are drawn out, while nothing has shown that the rates are kept:
+then they aren't. Doubled, a wrong rate goes on for two minutes more."""
 MOST_WITHDRAWN = 2
 """A fault whose correction looks have contradicted so often isn't corrected any more: the mount can't say
 such rates, or keeps slow ones otherwise than fast ones. Doubled, it is led to and fro for minutes more."""
@@ -272,6 +286,14 @@ class Following:
         """How often corrections for a fault were contradicted, by its name."""
         self._changed: RateLook | None = None
         """Where the mount said to be as what it is sent changed by more than the target asks for."""
+        self._read: RateLook | None = None
+        """Where the mount said to be at its last reading."""
+        self._catch_until_s = math.inf
+        """Until when what is off may be made good before rates are judged; monotonic."""
+        self._slewed = False
+        """Whether it said there that it slews."""
+        self._renew_at_s = -math.inf
+        self._trailed = 0
         self._stated: list[float] = []
         self._kept: list[OrderedRates] = []
         self._sent: list[OrderedRates] = []
@@ -623,6 +645,7 @@ class Following:
         """Send what the mount needs, again and again, until the end."""
         while True:
             self._require_wanted()
+            woken = self._wake.is_set()
             self._wake.clear()
             left_s = (self._until - self._clock.utc()).total_seconds()
             if left_s <= 0.0:
@@ -632,7 +655,7 @@ class Following:
             async with self._hand:
                 match self._by:
                     case FollowBy.RATES:
-                        wait_s = await self._renew()
+                        wait_s = await self._renew(woken)
                     case FollowBy.PULSES:
                         wait_s = await self._pulse()
                     case FollowBy.SLEWS:
@@ -640,8 +663,14 @@ class Following:
             left_s = (self._until - self._clock.utc()).total_seconds()
             await self._pause(max(0.0, min(wait_s, left_s)))
 
-    async def _renew(self) -> float:
-        """Order the rates for the next while; how long they are good."""
+    async def _renew(self, woken: bool) -> float:
+        """Read the mount, and order the rates for the next while if it is time; how long to wait.
+
+        Parameters
+        ----------
+        woken : bool
+            Whether something is new: then it is time.
+        """
         plan, mount, clock = self.plan, self._mount, self._clock
         assert plan is not None
         if self._in_force and mount.offset_rates_in_force is None:
@@ -655,13 +684,18 @@ class Following:
         if self._by is not FollowBy.RATES:
             # its readings have shown that it keeps none: nothing goes out any more
             return 0.0
+        left_s = self._renew_at_s - clock.monotonic_s()
+        if self._in_force and not woken and not plan.fast and left_s > SHORTEST_S:
+            return min(left_s, self._read_in_s)
         now = clock.utc()
         # they take effect about in the middle of the order: what counts is where both are then
         takes = now + timedelta(seconds=0.5 * self._order_s)
         off = self._off_at(takes, self._path(min(takes, self._until)))
         span_s, catch = plan.renew_s, Offset(0.0, 0.0)
         steady = self._steady
-        if off.total_arcsec > DEAD_SHARE * self._tolerance and not (steady and self._leg_from is not None):
+        # once: where wrong rates lead away, each look would ask for more of them, and nothing be judged
+        begun = self._leg_from is not None or clock.monotonic_s() > self._catch_until_s
+        if off.total_arcsec > DEAD_SHARE * self._tolerance and not (steady and begun):
             if plan.fast:
                 most = max(MOST_CATCH_UP_ARCSEC_S, FAST_CATCH_UP_SHARE * self._speed(now))
                 within_s = max(FAST_CATCH_UP_S, off.total_arcsec / most)
@@ -669,6 +703,7 @@ class Following:
             else:
                 span_s = within_s = max(CATCH_UP_S, off.total_arcsec / MOST_CATCH_UP_ARCSEC_S)
             catch = Offset(-off.east_arcsec / within_s, -off.north_arcsec / within_s)
+            self._catch_until_s = min(self._catch_until_s, clock.monotonic_s() + 0.5 * within_s)
         span_s = max(SHORTEST_S, 2.0 * self._order_s, min(span_s, (self._until - now).total_seconds()))
         wanted = mount_rates(self._path, takes, mount.epoch, span_s)
         assert self._tube is not None
@@ -693,6 +728,18 @@ class Following:
             await self._fall_back(f"the mount refused the rates: {error.what}")
             return 0.0
         done = clock.utc()
+        # its steps may have rounded them
+        sent = sent if sent.none else mount.offset_rates_told or sent
+        kept = self._rates.kept(sent, dec_deg, self._side)
+        wrong = OffsetRates(kept.ra_arcsec_s - wanted.ra_arcsec_s, kept.dec_arcsec_s - wanted.dec_arcsec_s)
+        left_arcsec_s = offset_speed_arcsec_s(wrong, dec_deg)
+        if self._corrects and left_arcsec_s > TOO_COARSE * offset_speed_arcsec_s(wanted, dec_deg):
+            await self._fall_back(f"the mount's steps are too coarse to make this good: {self._rates.words}")
+            await self._hop()
+            return 0.0
+        if not steady and left_arcsec_s > 0.0:
+            # what its steps leave is made good by the next order
+            span_s = min(span_s, max(CATCH_UP_S, LEFT_SHARE * self._tolerance / left_arcsec_s))
         otherwise = bool(self._sent) and _unlike(sent, self._sent[-1].rates)
         if otherwise and not plan.fast:
             # caught up, tried, withdrawn: its readings are the first to tell what comes of it
@@ -702,22 +749,35 @@ class Following:
             self._changed = RateLook(reading.utc, place, sigma, reading.side)
         at = now + 0.5 * (done - now)
         self._order_s += 0.3 * ((done - now).total_seconds() - self._order_s)
-        first = not self._in_force
         self._in_force = not sent.none
         self._sent.append(OrderedRates(at, sent))
-        self._kept.append(OrderedRates(at, self._rates.kept(sent, dec_deg, self._side)))
+        self._kept.append(OrderedRates(at, kept))
         self._renewed += 1
         if self._leg_from is None and (not steady or catch.total_arcsec == 0.0):
             self._leg_from = at
         self._prune(at)
-        if not plan.fast and (first or (otherwise and span_s > 4.0 * ALARM_AFTER_S)):
-            return min(ALARM_AFTER_S, span_s)
-        return span_s
+        self._renew_at_s = clock.monotonic_s() + span_s
+        return span_s if plan.fast else min(span_s, self._read_in_s)
+
+    @property
+    def _corrects(self) -> bool:
+        """Whether something else is sent than what the mount is to keep."""
+        correction = self._rates.correction
+        return correction is not None and correction.holds(self._side)
+
+    @property
+    def _read_in_s(self) -> float:
+        """How long until the mount is read: soon after its rates have changed."""
+        since_s = (self._clock.utc() - self._sent[0].since_utc).total_seconds() if self._sent else 0.0
+        blind = self.plan is not None and self._blind(self.plan)
+        early = blind or self._changed is not None or since_s < 4.0 * ALARM_AFTER_S
+        return ALARM_AFTER_S if early else READ_EVERY_S
 
     @property
     def _steady(self) -> bool:
         """Whether rates are to be judged before anything else is done by them."""
-        if self._verified or (self.plan is not None and self.plan.fast):
+        plan = self.plan
+        if self._verified or (plan is not None and (plan.fast or self._blind(plan))):
             return False
         early = self._judgement is None or self._judgement.verdict == "too-early"
         return not (early and len(self._leg) >= FIRST_LOOKS)
@@ -735,11 +795,15 @@ class Following:
         """What the mount's own readings show: where it is by a fast target, else whether all goes wrong."""
         if not self._sent or not self._in_force:
             return
-        if not plan.fast and self._changed is not None:
+        if not plan.fast and self._changed is not None and not self._blind(plan):
             await self._read_on_changed(self._changed)
             return
         since_s = (self._clock.utc() - self._sent[0].since_utc).total_seconds()
+        if not plan.fast and self._blind(plan):
+            await self._read_on_blind()
+            return
         if not plan.fast and since_s > 4.0 * ALARM_AFTER_S:
+            await self._read_on_later()
             return
         reading = await self._mount.reading()
         self._side = reading.side
@@ -757,6 +821,76 @@ class Following:
         wrong = separation_arcsec(from_mount(place), from_mount(thought))
         if since_s >= 0.5 * ALARM_AFTER_S and wrong > ALARM_FACTOR * speed * led_s + ALARM_ARCSEC_S * led_s:
             await self._alarm(place, reading.utc, wrong, led_s)
+
+    def _blind(self, plan: FollowPlan) -> bool:
+        """Whether no look can be taken: the stars would be drawn out however short it is."""
+        return self._exposure_s(plan) < min(SHORTEST_LOOK_S, self._policy.exposure_s)
+
+    async def _read_on_blind(self) -> None:
+        """Where the mount is, and whether it goes as it was ordered: no look will say so."""
+        assert self._tube is not None
+        reading = await self._mount.reading()
+        self._side = reading.side
+        sigma = max(2.0, self._mount.resolution_arcsec)
+        place = for_mount(from_mount(reading.place), self._mount.epoch, reading.utc)
+        then, now = self._read, RateLook(reading.utc, place, sigma, reading.side)
+        self._read = now
+        if self._anchor is None or self._anchor.utc < self._kept[0].since_utc:
+            self._anchor, self._slips = now, 0
+        if then is not None and then.utc >= self._kept[0].since_utc:
+            led_s = (now.utc - then.utc).total_seconds()
+            thought = TubeEstimate.of(then.place, then.utc, sigma).at(now.utc, self._kept)
+            wrong = separation_arcsec(from_mount(place), from_mount(thought))
+            rates = self._kept[-1].rates
+            speed = offset_speed_arcsec_s(rates, place.dec_deg)
+            slips = wrong > SLIP_SHARE * speed * led_s + SLIP_S * speed + 2.0 * sigma
+            self._slips = self._slips + 1 if slips else 0
+            if self._slips >= SLIPS:
+                await self._alarm(place, now.utc, wrong, led_s)
+                return
+        seen = self._beside.looks(from_mount(reading.place), reading.utc)
+        here = for_mount(seen, self._mount.epoch, reading.utc)
+        self._tube = self._tube.moved_to(here, reading.utc, sigma)
+
+    async def _read_on_later(self) -> None:
+        """Whether since the last reading the mount went as it was told."""
+        try:
+            reading = await self._mount.reading()
+        except (DeviceSilent, DeviceGarbled):
+            return  # one answer that was lost ends nothing: the next reading, or the next order, says more
+        self._side = reading.side
+        then, sigma = self._read, max(2.0, self._mount.resolution_arcsec)
+        place = for_mount(from_mount(reading.place), self._mount.epoch, reading.utc)
+        now = self._read = RateLook(reading.utc, place, sigma, reading.side)
+        slewed, self._slewed = self._slewed, bool(reading.slewing)
+        if then is None or then.utc < self._kept[0].since_utc:
+            return
+        led_s = (now.utc - then.utc).total_seconds()
+        thought = TubeEstimate.of(then.place, then.utc, sigma).at(now.utc, self._kept)
+        cosine = math.cos(math.radians(place.dec_deg))
+        speed = max(
+            math.hypot(one.rates.ra_arcsec_s * cosine, one.rates.dec_arcsec_s) for one in self._kept[-2:]
+        )
+        wrong = separation_arcsec(from_mount(place), from_mount(thought))
+        if wrong > (ALARM_FACTOR * speed + ALARM_ARCSEC_S) * led_s + 2.0 * sigma:
+            # some say that they slew as long as they track at rates of their own
+            sets_out = reading.slewing and not slewed
+            if sets_out or {then.side, now.side} == {PierSide.EAST, PierSide.WEST}:
+                await self._set_out_by_itself()
+                return
+            self._anchor = then
+            await self._alarm(place, now.utc, wrong, led_s)
+            self._anchor = None
+
+    async def _set_out_by_itself(self) -> None:
+        """It slews or has changed sides by itself, rates in force: that says nothing of them. Slew back."""
+        await self._mount.end_offset_rates()
+        self._in_force = False
+        self._note(
+            "the mount slewed by itself, as it does to change sides of the pier: its rates were ended, and "
+            "it was slewed back to the target"
+        )
+        await self._hop()
 
     async def _read_on_changed(self, then: RateLook) -> None:
         """Whether what it is sent otherwise than before leads it away."""
@@ -846,7 +980,8 @@ class Following:
         self._alarms += 1
         known = self._rates.correction
         await self._judged(judged)
-        if self._alarms > 1 and self._by is FollowBy.RATES and self._rates.correction is known:
+        corrected = self._rates.correction not in (None, known)
+        if self._alarms > 1 and self._by is FollowBy.RATES and not corrected:
             await self._fall_back(words)
         await self._hop()
 
@@ -919,8 +1054,9 @@ class Following:
     def _begin_leg(self) -> None:
         """What was seen before says nothing of the rates any more."""
         self._sent, self._kept, self._leg, self._leg_from = [], [], [], None
+        self._catch_until_s = math.inf
         self._anchor, self._slips, self._played = None, 0, None
-        self._changed = None
+        self._changed = self._read = None
         self._creep, self._by_reading = Offset(0.0, 0.0), False
 
     def _prune(self, utc: datetime) -> None:
@@ -970,6 +1106,7 @@ class Following:
                 await self._stands(found)
             else:
                 await self._doubt_trial()
+                await self._doubt_rates()
             judged = self._judgement is not None and self._judgement.verdict == "right"
             soon = self._looks < FIRST_LOOKS and not judged
             every_s = min(self._look_every_s, 15.0) if soon else self._look_every_s
@@ -1058,6 +1195,7 @@ class Following:
             self._miss(error.what)
             return None
         if taken.look is None:
+            self._trailed += taken.verdict.reason is Reason.TRAILED
             self._miss(taken.verdict.detail or str(taken.verdict.reason))
             return None
         return taken.look
@@ -1093,10 +1231,24 @@ class Following:
             await self._hop()
         self._wake.set()
 
+    async def _doubt_rates(self) -> None:
+        """Give up rates that no look has confirmed while stars are drawn out, look after look."""
+        unproven = self._by is FollowBy.RATES and not self._verified
+        if self._trailed < MOST_TRAILED or not (unproven and self._in_force):
+            return
+        async with self._hand:
+            self._require_wanted()
+            await self._fall_back(
+                f"{self._trailed} looks in a row show stars that are drawn out, and none has shown that the "
+                "mount keeps its rates"
+            )
+            await self._hop()
+        self._wake.set()
+
     async def _took(self, found: Look) -> None:
         """What a look shows: how far off it is, and at which rates the mount went."""
         mount, utc = self._mount, found.mid_exposure_utc
-        self._missed = 0
+        self._missed = self._trailed = 0
         sigma = found.solution.center_sigma_arcsec
         off = offset_arcsec(found.seen, self._path(min(utc, self._until)))
         far = max(HOP_ARCSEC, HOP_TOLERANCES * self._tolerance)
@@ -1263,6 +1415,7 @@ class Following:
     def _begin_anew(self) -> None:
         """Rates are ordered otherwise from now on: the looks before say nothing of them."""
         self._leg, self._leg_from, self._verified = [], None, False
+        self._catch_until_s = math.inf
         self._wake.set()
 
     async def _learned(self, change: Callable[[], None]) -> None:

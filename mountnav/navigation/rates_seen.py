@@ -207,6 +207,13 @@ _WORDS: Mapping[RateFault, str] = {
     _F.FORGOTTEN: "the mount forgets its rates at a slew",
     _F.LOST_AT_FLIP: "the mount loses its rates when it changes sides of the pier",
 }
+
+
+def words_of(fault: RateFault) -> str:
+    """A fault in words, as judgements say it."""
+    return _WORDS[fault]
+
+
 _SIDED = frozenset({_F.SIGN_RA, _F.SIGN_DEC, _F.SIGNS})
 """Faults that may be otherwise on the other side of the pier."""
 _NO_CURE = frozenset({_F.IGNORED, _F.ONLY_RA, _F.ONLY_DEC, _F.FORGOTTEN, _F.LOST_AT_FLIP, _F.UNEXPLAINED})

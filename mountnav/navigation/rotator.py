@@ -171,6 +171,7 @@ class CheckedRotator:
     lost: str = ""
     _stood_deg: float | None = field(default=None, repr=False)
     _reversed: bool | None = field(default=None, repr=False)
+    _links: int | None = field(default=None, repr=False)
     _stops: int = field(default=0, repr=False)
     turning: bool = field(default=False, repr=False)
     _open: bool = field(default=False, repr=False)
@@ -229,7 +230,11 @@ class CheckedRotator:
         return stands_deg
 
     def _heed(self, reading: RotatorReading) -> None:
-        """Take note of a driver that counts the other way round from now on."""
+        """Take note of a connection that was opened again, and of a driver that counts otherwise."""
+        links: int | None = getattr(self.rotator, "links", None)
+        if links != self._links:
+            # it may have been switched off meanwhile, and count from anywhere
+            self._links, self.seen, self._stood_deg = links, False, None
         now: bool | None = getattr(self.rotator, "reversed", None)
         before, self._reversed = self._reversed, now
         if before is None or now is None or before is now:

@@ -323,7 +323,8 @@ class MechanicsMotors(MechanicsTruth):
             SIDEREAL_DEG_S if ha is None else ha, 0.0 if dec is None else north * dec, north
         )
         for name, ordered, velocity in zip(_AXES, (ha, dec), kept, strict=True):
-            goal = motion.axis(name).goal
+            goal, most = motion.axis(name).goal, self._rates_deg_s[name]
+            velocity = max(-most, min(most, velocity))
             if ordered is not None and goal.velocity_deg_s != velocity:
                 goal = Goal(order.t_s, velocity, goal.limits, steady=velocity == 0.0)
                 self._send(order, name, goal)

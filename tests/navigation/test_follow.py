@@ -70,13 +70,15 @@ def followed(
     settled_s: float = 60.0,
     tolerance_arcsec: float = TOLERANCE,
     prepare: Callable[[VirtualRig], None] = lambda rig: None,
+    ha_deg: float = -30.0,
+    look_every_s: float | None = None,
     **given: object,
 ) -> Followed:
     async def work(rig: VirtualRig) -> Followed:
         if fault is not None:
             rig.mechanics.fail_rates(fault)
         prepare(rig)
-        target = mover(rig, ra, dec)
+        target = mover(rig, ra, dec, ha_deg=ha_deg)
         progress: list[FollowProgress] = []
         truly: list[tuple[float, float]] = []
 
@@ -94,6 +96,7 @@ def followed(
                 target,
                 until_utc=rig.clock.utc() + timedelta(minutes=minutes),
                 tolerance_arcsec=tolerance_arcsec,
+                look_every_s=look_every_s,
                 heard=progress.append,
             )
         finally:
@@ -192,6 +195,93 @@ def test_a_guess_since_which_nothing_is_seen_is_given_up(monkeypatch: pytest.Mon
 
 
 @pytest.mark.long
+@pytest.mark.long
+def test_a_mount_that_runs_away_later_is_seen_by_its_readings() -> None:
+    later: list[asyncio.Task[None]] = []
+
+    def prepare(rig: VirtualRig) -> None:
+        async def strike() -> None:
+            # well after its rates were seen to be kept, between two looks
+            await rig.clock.sleep(430.0)
+            rig.mechanics.fail_rates(RateFault(220.0, 220.0))
+
+        later.append(asyncio.create_task(strike()))
+
+    done = followed(2.0, 1.2, prepare=prepare, minutes=10.0)
+    assert done.report.fault is Named.FACTOR_220
+    # 510″ in each second, for 10 s and a reading
+    assert max(done.truly) < 7000.0
+    assert done.truly[-1] < 60.0
+    assert done.left == (0.0, 0.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("fault", [None, RateFault(lost_by_flip=True), RateFault(unturned=True)])
+def test_a_mount_that_changes_sides_by_itself_is_followed_on_and_blamed_for_no_rate(
+    fault: RateFault | None,
+) -> None:
+    flips = Machine(mounting="german", meridian_limits_deg=(10.0, 1.0), at_limit="flip")
+    done = followed(2.0, 1.2, fault=fault, machine=flips, minutes=15.0, settled_s=660.0, ha_deg=-0.5)
+    assert any("slewed by itself" in words for words in done.report.notes)
+    assert not any("unexplained" in words for words in done.report.notes)
+    assert done.report.by is FollowBy.RATES
+    assert max(done.truly) <= 3.0 * TOLERANCE
+    assert done.left == (0.0, 0.0)
+
+
+class Late(RatedMount):
+    """Behind a server that passes orders on late: what is off is never made good quite."""
+
+    calls = 0
+
+    async def set_offset_rates(self, rates: OffsetRates) -> None:
+        """By 1 s to 2 s."""
+        self.calls += 1
+        await asyncio.sleep(1.0 + self.calls % 2)
+        await super().set_offset_rates(rates)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("named", [Named.SIGN_DEC, Named.FACTOR_1_15])
+def test_looks_that_follow_each_other_closely_name_a_fault_as_well(named: Named) -> None:
+    # one each 4 s: sooner than what the one before has shown is made good
+    short = replace(POLICY, exposure_s=1.0)
+    done = followed(
+        3.0, 1.7, fault=FAULTS[named], minutes=7.0, look_every_s=4.0, settled_s=240.0, policy=short, made=Late
+    )
+    assert done.report.fault is named
+    assert max(done.truly) <= 4.0 * TOLERANCE
+    assert done.left == (0.0, 0.0)
+
+
+class Quarters(RatedMount):
+    """Is told rates in quarters of an arcsecond a second, and asked for them it says so."""
+
+    @property
+    def rates_known(self) -> OffsetRates | None:
+        """As it was told them."""
+        known = super().rates_known
+        if known is None:
+            return None
+        return OffsetRates(round(known.ra_arcsec_s * 4.0) / 4.0, round(known.dec_arcsec_s * 4.0) / 4.0)
+
+    async def set_offset_rates(self, rates: OffsetRates) -> None:
+        """Round them."""
+        await super().set_offset_rates(
+            OffsetRates(round(rates.ra_arcsec_s * 4.0) / 4.0, round(rates.dec_arcsec_s * 4.0) / 4.0)
+        )
+
+
+def test_a_fault_that_coarse_steps_can_t_make_good_is_named_and_followed_otherwise() -> None:
+    both = RateFault(15.041, 15.041)
+    done = followed(-3.4, 1.87, fault=both, made=Quarters, settled_s=120.0)
+    assert done.report.fault is Named.FACTOR_15
+    assert done.report.by is not FollowBy.RATES
+    assert any("too coarse" in words for words in done.report.notes)
+    assert max(done.truly) < 60.0
+    assert done.left == (0.0, 0.0)
+
+
 def test_rates_that_the_mount_denies_to_have_are_given_up_at_once() -> None:
     # the driver reads them back: no look is needed for that
     done = followed(2.0, 1.2, fault=RateFault(ra_factor=0.0, dec_factor=0.0, reads_zero=True))

@@ -309,6 +309,34 @@ def test_a_count_that_was_lost_is_seen_and_not_turned_by() -> None:
     with_rotator(work)
 
 
+def test_a_count_that_was_lost_while_the_link_was_away_is_seen() -> None:
+    async def work(rig: Rig) -> None:
+        assert rig.held.turned(20.0, 20.0) == ""
+        assert rig.held.shown(await rig.held.standing_deg(), 50.0, 360.0) == ""
+        # its driver was started anew between two looks, and counts from 0: nobody opened it again by an order
+        driver: Any = rig.held.rotator
+        driver._language.usable = False
+        rig.mechanics.set_count(0.0)
+        assert "its count was lost" in rig.held.shown(await rig.held.standing_deg(), 50.0, 360.0)
+        with pytest.raises(DeviceRefused) as told:
+            await rig.held.turn_to(40.0)
+        assert told.value.reason is Refusal.UNTRUSTED
+
+    with_rotator(work)
+
+
+def test_a_link_that_was_away_and_a_count_that_is_right_is_no_loss() -> None:
+    async def work(rig: Rig) -> None:
+        assert rig.held.turned(20.0, 20.0) == ""
+        assert rig.held.shown(await rig.held.standing_deg(), 50.0, 360.0) == ""
+        driver: Any = rig.held.rotator
+        driver._language.usable = False
+        assert rig.held.shown(await rig.held.standing_deg(), 50.3, 360.0) == ""
+        await rig.held.turn_to(40.0)
+
+    with_rotator(work)
+
+
 def test_what_was_learned_outlives_the_service() -> None:
     journal = MemoryJournal()
 

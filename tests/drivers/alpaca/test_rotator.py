@@ -17,10 +17,12 @@ from drivers.registry import open_rotator
 from mountnav.errors import (
     BadSettings,
     Cancelled,
+    DeviceError,
     DeviceMissing,
     DeviceRefused,
     DeviceSilent,
     NotReached,
+    RefusedButDone,
     TargetNotReached,
 )
 from tests.drivers.alpaca.alpaca_server import (
@@ -218,3 +220,26 @@ async def test_what_is_no_rotator_is_refused() -> None:
             await open_rotator(f"alpaca+http://127.0.0.1:{server.port}/rotator/0").open()
     finally:
         server.stop()
+
+
+async def test_one_that_refuses_and_turns_is_stopped() -> None:
+    async with bench(FakeRotator(rate_deg_s=10.0)) as one:
+        one.fault("movemechanical", "denied", number=0x40B, body="The cable guard is on")
+        with pytest.raises(RefusedButDone, match=r"said refused .* cable guard is on.*, but it turned"):
+            await one.rotator.turn(170.0)
+        assert not one.fake.get_ismoving({})
+        assert one.fake.get_mechanicalposition({}) < 60.0
+
+
+@pytest.mark.parametrize("what", ["refuse-connection", "html", "half"])
+async def test_answers_that_are_lost_in_a_turn_leave_it_stopped(what: str) -> None:
+    async with bench(FakeRotator(rate_deg_s=5.0), "?timeout_s=1") as one:
+        turning = asyncio.ensure_future(one.rotator.turn(170.0))
+        async with asyncio.timeout(30.0):
+            while one.asked().count("movemechanical") == 0:
+                await asyncio.sleep(0.01)
+        one.fault("mechanicalposition", what, times=3)
+        with pytest.raises(DeviceError, match="it was stopped at"):
+            await turning
+        assert not one.fake.get_ismoving({})
+        assert one.fake.get_mechanicalposition({}) < 160.0

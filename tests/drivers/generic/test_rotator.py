@@ -16,9 +16,13 @@ from mountnav.errors import (
     BadRequest,
     Busy,
     Cancelled,
+    DeviceError,
+    DeviceGarbled,
     DeviceMissing,
+    DeviceRefused,
     DeviceSilent,
     NotReached,
+    RefusedButDone,
     TargetNotReached,
 )
 from mountnav.simulation.rotator_mechanics import RotatorBehavior, RotatorMechanics
@@ -220,3 +224,126 @@ def test_a_lost_connection_is_opened_again_and_a_closed_one_is_not() -> None:
             await rig.rotator.reading()
 
     with_rotator(work)
+
+
+class Denies(SimulatedRotatorLanguage):
+    """Says no to each turn; and turns, unless its mechanics ignore that."""
+
+    async def order(self, mechanical_deg: float) -> None:
+        await super().order(mechanical_deg)
+        raise DeviceRefused("the turn: busy", device=self.name)
+
+
+def test_one_that_says_no_and_turns_is_stopped_and_told() -> None:
+    async def work(rig: Rig) -> None:
+        with pytest.raises(
+            RefusedButDone, match=r"said refused \(the turn: busy\), but it turned from 10.0°"
+        ):
+            await rig.rotator.turn(170.0)
+        assert not rig.mechanics.moving
+        assert rig.mechanics.count_deg < 20.0
+
+    with_rotator(work, language=Denies)
+
+
+def test_one_that_says_no_and_stays_has_refused() -> None:
+    async def work(rig: Rig) -> None:
+        with pytest.raises(DeviceRefused, match="the turn: busy"):
+            await rig.rotator.turn(170.0)
+
+    with_rotator(work, RotatorBehavior(ignores=True), language=Denies)
+
+
+class Cut(SimulatedRotatorLanguage):
+    """Its connection is lost 3 s after each turn's order, and comes again when it may."""
+
+    lost_for_s = 5.0
+    lost_at_s: float | None = None
+    clock: VirtualClock | None = None
+
+    async def order(self, mechanical_deg: float) -> None:
+        await super().order(mechanical_deg)
+        assert self.clock is not None
+        self.lost_at_s = self.clock.monotonic_s() + 3.0
+
+    def there(self) -> bool:
+        if self.lost_at_s is None or self.clock is None:
+            return True
+        away_s = self.clock.monotonic_s() - self.lost_at_s
+        self.usable = self.usable and away_s < 0.0
+        return not 0.0 <= away_s < self.lost_for_s
+
+    async def open(self) -> None:
+        if not self.there():
+            raise DeviceMissing("no such server", device=self.name)
+        self.lost_at_s = None
+        await super().open()
+
+    async def read(self) -> Told:
+        if not self.there() or not self.usable:
+            raise DeviceMissing("the connection was lost", device=self.name)
+        return await super().read()
+
+    async def send_stop(self) -> None:
+        if not self.there() or not self.usable:
+            raise DeviceMissing("not connected", device=self.name)
+        await super().send_stop()
+
+
+def test_one_whose_link_is_lost_in_a_turn_is_stopped_as_soon_as_it_is_back() -> None:
+    async def work(rig: Rig) -> None:
+        assert isinstance(rig.language, Cut)
+        rig.language.clock = rig.clock
+        with pytest.raises(DeviceMissing, match="it was stopped at"):
+            await rig.rotator.turn(170.0)
+        assert not rig.mechanics.moving
+        assert rig.mechanics.count_deg < 50.0
+        assert rig.rotator.links == 2
+
+    with_rotator(work, language=Cut)
+
+
+def test_one_whose_link_stays_away_is_said_to_turn_on() -> None:
+    async def work(rig: Rig) -> None:
+        assert isinstance(rig.language, Cut)
+        rig.language.clock, rig.language.lost_for_s = rig.clock, 1e6
+        with pytest.raises(DeviceMissing, match="it may be turning on"):
+            await rig.rotator.turn(170.0)
+        assert rig.mechanics.moving
+
+    with_rotator(work, language=Cut)
+
+
+@pytest.mark.parametrize("kind", [DeviceGarbled, DeviceSilent])
+def test_one_that_is_not_understood_in_a_turn_is_stopped(kind: type[DeviceError]) -> None:
+    class Strange(SimulatedRotatorLanguage):
+        async def read(self) -> Told:
+            if self.mechanics.orders and self.mechanics.moving:
+                raise kind("an answer that is none", device=self.name)
+            return await super().read()
+
+    async def work(rig: Rig) -> None:
+        with pytest.raises(kind, match="it was stopped at"):
+            await rig.rotator.turn(170.0)
+        assert not rig.mechanics.moving
+
+    with_rotator(work, language=Strange)
+
+
+def test_one_that_sets_out_when_it_was_given_up_is_stopped() -> None:
+    class Late(SimulatedRotatorLanguage):
+        ordered: list[float] = []  # noqa: RUF012 - of one test
+
+        async def order(self, mechanical_deg: float) -> None:
+            self.ordered.append(mechanical_deg)
+
+        async def send_stop(self) -> None:
+            self.ordered.clear()
+            await super().send_stop()
+
+    async def work(rig: Rig) -> None:
+        with pytest.raises(TargetNotReached, match="did not move"):
+            await rig.rotator.turn(170.0)
+        assert Late.ordered == []
+
+    with_rotator(work, language=Late)

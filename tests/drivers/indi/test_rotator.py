@@ -126,3 +126,20 @@ def test_wrong_options_are_told() -> None:
         open_rotator("indi://host/Rotator?step=1")
     with pytest.raises(BadSettings, match="has no rotators"):
         open_rotator("lx200+tcp://host:4030")
+
+
+async def test_a_server_that_dies_in_a_turn_and_comes_back_leaves_it_stopped(
+    server: IndiServer, rotator: GenericRotator
+) -> None:
+    turning = asyncio.ensure_future(rotator.turn(170.0))
+    async with asyncio.timeout(30.0):
+        while not (await rotator.reading()).moving:
+            await asyncio.sleep(0.05)
+    links = rotator.links
+    await server.kill()
+    await server.start()
+    with pytest.raises(DeviceMissing, match="it was stopped at"):
+        await turning
+    # it was switched on anew: who turns it must know that its count is another
+    assert rotator.links > links
+    assert not (await rotator.reading()).moving
