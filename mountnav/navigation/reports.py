@@ -133,7 +133,7 @@ class Try:
     expected_arcsec : float or None
         How far off the tube was expected to look in this look, one sigma; None if that wasn't known.
     sigma_arcsec : float
-        Of `error_arcsec`: the solve's, and what the mount moved during the exposure.
+        Of `error_arcsec`: the look's (`Look.sigma_arcsec`), and what the mount moved during the exposure.
     why : str
         What was decided, and by what numbers; for the last try, why it stopped.
     followed : str

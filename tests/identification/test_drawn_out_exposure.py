@@ -26,7 +26,7 @@ def _trail(middle: complex, length_px: float, share: float) -> Light:
 def _found(
     light: Light, *, strangers: Light | None = None, seed: int = 1, stars: int = LIGHT.size
 ) -> FaintExposure | None:
-    """What is found in a frame whose stars have that light besides their own; strangers are where they are."""
+    """What is found where the stars have that light besides; strangers lie about the brightest one."""
     rng = np.random.default_rng(seed)
     x, y = rng.uniform(70, SIDE - 70, (2, LIGHT.size))
     pixels = rng.normal(SKY_ADU, NOISE_ADU, (SIDE, SIDE))
