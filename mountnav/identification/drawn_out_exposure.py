@@ -71,9 +71,9 @@ STRETCHES_PER_OFFSET = 10.0
 """Independent ones of the 39, for that number; and an offset is independent of others `INDEPENDENT_BINS`
 away. Chosen by hand."""
 INDEPENDENT_BINS = 2.0
-OPPOSITE = 0.5
-"""What has this share of its evidence on the other side of the star as well is a spike or a halo, and pulls
-the middle nowhere."""
+ONE_SIDED_SIGMAS = 3.0
+"""What isn't brighter by so many sigmas than what lies on the other side of the stars is a spike or a halo:
+it pulls the middle nowhere. Doubled, the drawn frames that were overlooked are overlooked again."""
 
 
 def _stretches() -> list[Index]:
@@ -95,8 +95,8 @@ def _stretches() -> list[Index]:
 
 
 _STRETCHES = _stretches()
-_ROOM = max(LINES)
-"""Bins that a stretch reaches from its middle, at most."""
+_ROOM = max(LINES) + 2
+"""More bins than a stretch reaches from its middle."""
 _HALF = REACH_PX // FAR_BIN_PX
 
 
@@ -153,16 +153,13 @@ def drawn_out_exposure(
         found = scene.evidence(offset, number)
         if found is None or found.nats <= needed + surest or found.others_nats < OTHERS_NATS:
             continue
-        share, other_side = found.share, scene.evidence(-offset, number)
-        if other_side is not None and other_side.nats > 0.0:
-            if other_side.nats > OPPOSITE * found.nats:
-                continue
-            # what lies on both sides of the star pulls the middle to neither
-            share -= other_side.share
+        one_sided = scene.one_sided(offset, number)
+        if one_sided is not None and one_sided * abs(complex(down, right)) * FAR_BIN_PX < least_pull_px:
+            continue
         one = FaintExposure(
-            FAR_BIN_PX * complex(right, down), share, found.stars, math.sqrt(2.0 * found.nats)
+            FAR_BIN_PX * complex(right, down), found.share, found.stars, math.sqrt(2.0 * found.nats)
         )
-        if share > 0.0 and one.pull_px >= least_pull_px:
+        if one.pull_px >= least_pull_px:
             best, surest = one, found.nats - needed
     return best
 
@@ -314,6 +311,27 @@ class _Scene:
         best = int(np.argmax(nats.sum(axis=1)))
         every = float(nats[best].sum())
         return _Evidence(float(SHARES[best]), int(told.sum()), every, every - float(nats[best].max()))
+
+    def one_sided(self, offset: Index, number: int) -> float | None:
+        """Share of the stars' light by which a stretch has more than any near that on the other side of them.
+
+        0 where that may be noise; None where the other side isn't known of enough stars. A star lies up to
+        half a bin beside the middle of its own, and spikes are as long as they are drawn: two bins.
+        """
+        elsewhere = self.elsewhere(number)
+        here = self.light_in(self.places + offset, number)
+        least: float | None = None
+        for shift in np.argwhere(np.ones((5, 5), dtype=bool)) - 2:
+            more = here - self.light_in(self.places - offset + shift, number)
+            told = np.isfinite(more)
+            if elsewhere is None or told.sum() < FEWEST_COMPARED:
+                continue
+            square = float((self.flux[told] ** 2).sum())
+            share = float((more[told] * self.flux[told]).sum()) / square
+            if share <= ONE_SIDED_SIGMAS * math.sqrt(2.0 / square) * elsewhere.sigma:
+                return 0.0
+            least = share if least is None else min(least, share)
+        return least
 
 
 @dataclass(frozen=True, slots=True)
