@@ -41,9 +41,9 @@ FLOOR_SIGMA, CEILING_SIGMA = -3.0, 12.0
 """Bins count no less and no more than this in the search, in sigmas of the sky."""
 GREATEST_WEIGHT = 6.0
 """No star counts in the search for more than so many times the median of those compared."""
-PER_STRETCH, CANDIDATES = 12, 30
-"""So many offsets of each stretch, and so many of all, those with the highest sums, are compared star by
-star. Doubled, it costs 10 ms more, and of the drawn frames the same are found."""
+HIGHEST, CANDIDATES = 150, 30
+"""Of so many offsets, those with the highest sums, each with the stretch that has it, so many are compared
+star by star. Doubled, it costs 10 ms more, and of the drawn frames the same are found."""
 APART_BINS = 2
 """Offsets of one stretch that are no farther apart than this, bins, are one candidate."""
 SAMPLES = 4000
@@ -171,28 +171,32 @@ def _candidates(scene: _Scene, core_px: float) -> list[tuple[int, int, int]]:
     cover = _sums(square, _STRETCHES[1]) / _STRETCHES[1].shape[0]
     steps = np.arange(-_HALF, _HALF + 1) * FAR_BIN_PX
     searched = (cover > 0.3 * cover.max()) & (np.hypot(steps[:, None], steps) >= core_px)
-    root = np.sqrt(np.maximum(cover, 1e-12))
-    found: list[tuple[float, int, int, int]] = []
+    # nothing where it isn't searched: no sum there is among the highest
+    scale = np.where(searched, 1.0 / np.sqrt(np.maximum(cover, 1e-12)), 0.0).astype(np.float32)
+    best = np.zeros_like(scale)
+    which = np.zeros(best.shape, dtype=np.int8)
     for number, stretch in enumerate(_STRETCHES):
-        score = np.where(searched, _sums(total, stretch) / (root * math.sqrt(len(stretch))), -np.inf).ravel()
-        for at in np.argpartition(-score, PER_STRETCH)[:PER_STRETCH].tolist():
-            row, column = divmod(at, 2 * _HALF + 1)
-            found.append((float(score[at]), number, row - _HALF, column - _HALF))
-    found.sort(reverse=True)
+        score = _sums(total, stretch)
+        score *= scale / np.float32(math.sqrt(len(stretch)))
+        higher = score > best
+        best[higher], which[higher] = score[higher], number
+    highest = np.argpartition(best.ravel(), -HIGHEST)[-HIGHEST:]
+    highest = highest[np.argsort(-best.ravel()[highest], kind="stable")]
     chosen: list[tuple[int, int, int]] = []
-    for summed, number, down, right in found:
-        near = any(
+    for at in highest[best.ravel()[highest] > 0.0].tolist():
+        row, column = divmod(at, 2 * _HALF + 1)
+        number, down, right = int(which[row, column]), row - _HALF, column - _HALF
+        if not any(
             number == other and max(abs(down - row), abs(right - column)) <= APART_BINS
             for other, row, column in chosen
-        )
-        if not near and math.isfinite(summed):
+        ):
             chosen.append((number, down, right))
             if len(chosen) == CANDIDATES:
                 break
     return chosen
 
 
-def _sums(image: Array, stretch: Index) -> Array:
+def _sums(image: Image, stretch: Index) -> Image:
     """Sum over a stretch about each bin; beyond the image is nothing."""
     total = np.zeros_like(image)
     height, width = image.shape
@@ -219,12 +223,15 @@ class _Scene:
         Rows and columns of the stars there, brightest first.
     flux : ndarray, shape (n,)
         Theirs.
+    sampled : ndarray of int, shape (m, 2)
+        Places drawn from all that have a value.
     """
 
     value: Array
     known: Mask
     places: Index
     flux: Array
+    sampled: Index
     _elsewhere: dict[int, _Elsewhere]
 
     @classmethod
@@ -263,13 +270,16 @@ class _Scene:
         ground = median(level[good])
         value = np.pad(np.where(good, level - ground, 0.0), rim).astype(np.float64)
         places = np.clip(places, 0, np.array(level.shape) - 1) + rim
-        return cls(value, np.pad(good, rim), places, flux.astype(np.float64), {})
+        where = np.flatnonzero(good)
+        drawn = where[np.random.default_rng(0).integers(0, where.size, SAMPLES)]
+        sampled = np.column_stack(np.divmod(drawn, columns)) + rim
+        return cls(value, np.pad(good, rim), places, flux.astype(np.float64), sampled, {})
 
-    def summed(self) -> tuple[Array, Array]:
+    def summed(self) -> tuple[Image, Image]:
         """Weighted sum of the stars' surroundings, and of the squares of the weights where they are known."""
         weight = np.minimum(self.flux, GREATEST_WEIGHT * median(self.flux))
-        tame = np.clip(self.value, FLOOR_SIGMA, CEILING_SIGMA)
-        total = np.zeros((2 * _HALF + 1, 2 * _HALF + 1))
+        tame = np.clip(self.value, FLOOR_SIGMA, CEILING_SIGMA).astype(np.float32)
+        total = np.zeros((2 * _HALF + 1, 2 * _HALF + 1), dtype=np.float32)
         square = np.zeros_like(total)
         for (row, column), one in zip(self.places.tolist(), weight.tolist(), strict=True):
             window = (slice(row - _HALF, row + _HALF + 1), slice(column - _HALF, column + _HALF + 1))
@@ -288,9 +298,7 @@ class _Scene:
     def elsewhere(self, number: int) -> _Elsewhere | None:
         """What a stretch holds in the rest of the frame; None where it fits nowhere."""
         if number not in self._elsewhere:
-            where = np.argwhere(self.known)
-            some = where[np.random.default_rng(0).integers(0, len(where), SAMPLES)]
-            light = self.light_in(some, number)
+            light = self.light_in(self.sampled, number)
             self._elsewhere[number] = _Elsewhere.of(light[np.isfinite(light)])
         found = self._elsewhere[number]
         return found if found.sample.size else None
