@@ -66,7 +66,8 @@ OTHERS_NATS = 3.0
 SURE_NATS = 6.0
 """It is believed if it is so much likelier, as a power of e, than there are stretches that lie no farther
 from the star: 1 in 400. Sound frames, drawn and real, stay 3 and more below what is needed (a corner of a
-JPEG through a poor lens 1), the drawn one that was overlooked is 1 above it (`benchmarks.trailed`, seed 141421). Doubled, that one is overlooked."""
+JPEG through a poor lens 1), the drawn one that was overlooked is 1 above it (`benchmarks.trailed`, seed
+141421). Doubled, that one is overlooked."""
 STRETCHES_PER_OFFSET = 10.0
 """Independent ones of the 39, for that number; and an offset is independent of others `INDEPENDENT_BINS`
 away. Chosen by hand."""
