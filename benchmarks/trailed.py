@@ -16,8 +16,10 @@ on also draw fields that move otherwise here than there: turning about a place i
 far one, turning and drifting, breathing (the scale changes). `--only two-places` draws two exposures in one
 that lie farther apart than any trail, `--only pair,turned-pair` two of 5 to 400 px, alike or down to a tenth
 of the light, of a field that turned between them or didn't, `--only beside` a bright one and a faint one that
-is drawn out. Every fourth seed lays its path upon a rendered
-frame (bins or cut-outs, the noise brought back to what it was), the others upon stars drawn here.
+is drawn out, `--only lesser` one and one to three fainter ones, `--only fading` trails that lose most of
+their light, `--only reflected` each star once more beside itself, with 1 to 12 % of its light. `--sparse`
+draws fields of half a degree alone, in which few stars are identified. Every fourth seed lays its path upon a
+rendered frame (bins or cut-outs, the noise brought back to what it was), the others upon stars drawn here.
 
 **Truth** is the flux-weighted mean of the path: the place of the sky whose light, gathered during the
 exposure, has its mean at the frame's geometric center. For an even straight trail that is its middle; for
@@ -389,6 +391,59 @@ def beside(rng: np.random.Generator) -> Path2:
     return _resting(parts, ratio)
 
 
+def lesser(rng: np.random.Generator) -> Path2:
+    """An exposure and one to three with a tenth to a half of its light each, 10 to 200 px away."""
+    parts, light = [], []
+    for k in range(1 + int(rng.choice([1, 1, 2, 3]))):
+        weight = 1.0 if k == 0 else math.exp(rng.uniform(math.log(0.1), math.log(0.5)))
+        length = float(rng.choice([0.0, rng.uniform(2, 12) if k == 0 else rng.uniform(5, 60)]))
+        angle, toward = rng.uniform(0, math.tau), rng.uniform(0, math.tau)
+        apart = 0.0 if k == 0 else _length(rng, 10.0, 200.0)
+        s = _steps(length) - 0.5
+        parts.append(
+            (
+                apart * math.cos(toward) + s * length * math.cos(angle),
+                apart * math.sin(toward) + s * length * math.sin(angle),
+                np.full(s.size, weight / s.size),
+            )
+        )
+        light.append(weight)
+    return _resting(parts, sum(light[1:]))
+
+
+def fading(rng: np.random.Generator) -> Path2:
+    """A straight trail that fades to a tenth or less (a cloud), and may begin with a rest or a shake."""
+    length, angle = _length(rng, 10.0), rng.uniform(0, math.tau)
+    s = _steps(length)
+    light = np.exp(-rng.uniform(2.0, 6.0) * s ** rng.uniform(0.5, 2.0))
+    how = rng.random()
+    if how < 0.3:
+        light[0] += rng.uniform(0.3, 2.0) * light.sum()
+    x, y = s * length, np.zeros(s.size)
+    if how > 0.7:
+        swing = rng.uniform(0.02, 0.2) * length * np.exp(-6.0 * s)
+        y = swing * np.sin(math.tau * rng.uniform(5, 20) * s)
+    c, n = math.cos(angle), math.sin(angle)
+    return _path(x * c - y * n, x * n + y * c, light)
+
+
+def reflected(rng: np.random.Generator) -> Path2:
+    """Each star once more beside itself, blurred, with 1 to 12 % of its light: a filter's two faces."""
+    ratio, apart = math.exp(rng.uniform(math.log(0.01), math.log(0.12))), _length(rng, 8.0, 200.0)
+    toward, blur = rng.uniform(0, math.tau), rng.uniform(0.0, 6.0)
+    r = blur * np.sqrt((np.arange(40) + 0.5) / 40)
+    turn = np.arange(40) * math.pi * (3.0 - math.sqrt(5.0))
+    parts = [
+        (np.zeros(1), np.zeros(1), np.ones(1)),
+        (
+            apart * math.cos(toward) + r * np.cos(turn),
+            apart * math.sin(toward) + r * np.sin(turn),
+            np.full(40, ratio / 40),
+        ),
+    ]
+    return _resting(parts, ratio)
+
+
 def _resting(parts: list[tuple[Array, Array, Array]], ratio: float) -> Path2:
     """Two exposures as a path; the first is as right an answer as the mean where it has most of the light."""
     joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
@@ -495,6 +550,9 @@ FAR: dict[str, Callable[[np.random.Generator], Path2]] = {
     "pair": pair,
     "turned-pair": turned_pair,
     "beside": beside,
+    "lesser": lesser,
+    "fading": fading,
+    "reflected": reflected,
 }
 """Drawn on demand only. The brighter of two places is as right as the mean, if they are out of each other's
 reach or it has `MAIN_SHARE` of the light."""
@@ -591,9 +649,17 @@ def field_of(kind: str, rng: np.random.Generator, optics: SimulatedOptics, cente
     )
 
 
-def _upon_stars(kind: str, path: Path2, rng: np.random.Generator) -> Trial:
+SCALES = (2.6, 3.6, 4.5, 6.0, 9.0)
+"""Of the frames, arcsec per pixel."""
+SPARSE_SCALES = (1.9, 2.2, 2.6, 2.6)
+"""The same, where few stars are to be identified."""
+
+
+def _upon_stars(
+    kind: str, path: Path2, rng: np.random.Generator, scales: tuple[float, ...] = SCALES
+) -> Trial:
     side = int(rng.choice([768, 1024]))
-    scale = float(rng.choice([2.6, 3.6, 4.5, 6.0, 9.0]))
+    scale = float(rng.choice(scales))
     ra, dec = rng.uniform(0, 360), math.degrees(math.asin(rng.uniform(-0.98, 0.98)))
     center = Icrs(ra, dec)
     optics = SimulatedOptics(
@@ -727,15 +793,15 @@ def _laid(pixels: Pixels, path: Path2, rng: np.random.Generator) -> NDArray[np.u
     return np.clip(np.rint(image), 0, 65_535).astype(np.uint16)
 
 
-def trial(seed: int, only: tuple[str, ...] = ()) -> Trial:
+def trial(seed: int, only: tuple[str, ...] = (), *, sparse: bool = False) -> Trial:
     """The frame of a seed."""
     rng = np.random.default_rng(seed)
     kinds = only or (*PATHS, *OFTEN, *(FIELDS if seed >= FIELD_SEEDS else ()))
     kind = kinds[int(rng.integers(len(kinds)))]
     path = (PATHS | FIELDS | FAR)[kind](rng)
-    if kind in MOVED and seed % RENDERED_EVERY == 0:
+    if kind in MOVED and seed % RENDERED_EVERY == 0 and not sparse:
         return _upon_rendered(kind, path, rng)
-    return _upon_stars(kind, path, rng)
+    return _upon_stars(kind, path, rng, SPARSE_SCALES if sparse else SCALES)
 
 
 def ways(seed: int) -> SolveSettings:
@@ -869,6 +935,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--frames", type=int, default=200)
     parser.add_argument("--only", default="", help="kinds, with commas")
+    parser.add_argument("--sparse", action="store_true", help="fields of half a degree")
     parser.add_argument("--seconds", type=float, default=math.inf, help="of wall time, then the table")
     parser.add_argument("--told", action="store_true", help="a line for every frame")
     parser.add_argument("--into", type=Path, help="a file that keeps the outcomes, and goes on from them")
@@ -883,7 +950,7 @@ def main() -> None:
             break
         if seed in held:
             continue
-        one = trial(seed, only)
+        one = trial(seed, only, sparse=given.sparse)
         done += 1
         began = time.process_time()
         verdict = solve(one.frame, embedded_catalog(), hint=one.hint, settings=ways(seed))

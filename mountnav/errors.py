@@ -255,6 +255,7 @@ class SyncDoubt(StrEnum):
     WRONG_SIDE = "pier-side-misreported"
     NOT_FRESH = "frame-not-proven-new"
     NOT_TRACKING = "not-tracking"
+    UNSURE = "offset-not-known-well-enough"
 
 
 class SyncRefused(SkyError):

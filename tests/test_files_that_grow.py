@@ -17,7 +17,7 @@ from mountnav.pointing.model.tpoint_file import read_observations_text
 from tests.drivers.skywatcher.quick_fakes import quick
 from tests.growth import LINEAR, growth
 
-HEADER = json.dumps({"kind": "header", "version": 2}) + "\n"
+HEADER = json.dumps({"kind": "header", "version": 3}) + "\n"
 SENT = json.dumps({"dir": "driver->mount", "hex": "3a475223"}) + "\n"
 ANSWERED = json.dumps({"dir": "mount->driver", "hex": "3a475223" * 20}) + "\n"
 

@@ -21,6 +21,7 @@ from mountnav.identification.double_exposure import (
     second_sources,
     unexplained_light,
 )
+from mountnav.identification.drawn_out_exposure import drawn_out_exposure
 from mountnav.identification.faint_exposure import FaintExposure, faint_exposure
 from mountnav.identification.field_rotation import Centers, FieldMotion, centers_of_light, field_motion
 from mountnav.identification.pairing import Predicted, predicted
@@ -551,15 +552,17 @@ def _faint_exposure(
     if len(reference.pairs) >= MANY_PAIRS:
         return None
     there, _, light = _in_frame(reference.plate, frame.stars, frame.measurements)
-    left = unexplained_light(patches, there.x_px, there.y_px, light)
+    x, y, least_px = there.x_px, there.y_px, _moved_px(frame.fwhm_px)
+    left = unexplained_light(patches, x, y, light)
     if left is None:
         return None
-    found = faint_exposure(
-        frame.bins, patches, there.x_px, there.y_px, left, least_pull_px=_moved_px(frame.fwhm_px)
-    )
-    if found is None or path.holds(found.offset_px.real, found.offset_px.imag):
-        return None
-    return found
+    found = faint_exposure(frame.bins, patches, x, y, left, least_pull_px=least_px)
+    if found is not None and not path.holds(found.offset_px.real, found.offset_px.imag):
+        return found
+    found = drawn_out_exposure(frame.bins, patches, x, y, light, frame.fwhm_px, least_pull_px=least_px)
+    if found is not None and not path.holds(found.offset_px.real, found.offset_px.imag):
+        return found
+    return None
 
 
 def _as_faint_exposure(found: Identified, faint: FaintExposure) -> Identified:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from enum import IntFlag, StrEnum
 
@@ -25,6 +26,10 @@ class StarImages(StrEnum):
     DEFOCUSED = "defocused"
     TRAILED = "trailed"
     NONE = "none seen"
+
+
+_SIGMA_OF_FWHM = 1.0 / 2.3548
+"""Of a Gaussian. 2 √(2 ln 2), a constant of mathematics."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +72,20 @@ class SkyQuality:
     zero_point_mag: float | None = None
     limiting_mag: float | None = None
     sky_mag_arcsec2: float | None = None
+
+    @property
+    def trail_px(self) -> float | None:
+        """Length of the trail that gives the typical star its two widths; None if these aren't known.
+
+        Poor optics draw stars out as well: no trail is longer.
+        """
+        if self.images in (StarImages.DEFOCUSED, StarImages.NONE):
+            return None
+        if self.fwhm_px is None or self.ellipticity is None:
+            return None
+        axes_ratio = max(1.0 - self.ellipticity, 0.01)
+        # a trail of length L adds L² / 12 to the variance along it
+        return self.fwhm_px * _SIGMA_OF_FWHM * math.sqrt(12.0 * (1.0 / axes_ratio - axes_ratio))
 
 
 def with_plate(

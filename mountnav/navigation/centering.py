@@ -60,8 +60,6 @@ Chosen by hand. Doubled, a tube that swings slowly is called centered earlier.""
 _SHOWS_S = 3.0
 """Gusts swing a tube within some seconds: a shorter exposure shows a moment of that, s. Chosen by hand.
 Doubled, exposures of 3 s to 6 s need a second look."""
-_SIGMA_OF_FWHM = 1.0 / 2.3548
-"""Of a Gaussian. 2 √(2 ln 2), a constant of mathematics."""
 _AGREE = 0.2
 """Looks that agree to so much of the tolerance show a tube that stays in it. Chosen by hand. Doubled, a drift
 of two fifths of the tolerance between two looks counts as rest."""
@@ -91,13 +89,9 @@ def _trail_arcsec(found: Look) -> float | None:
     A tube that jumped in the exposure leaves two round images of each star: their distance counts too.
     """
     quality = found.verdict.quality
-    if quality is None or quality.images in (StarImages.DEFOCUSED, StarImages.NONE):
+    trail_px = None if quality is None else quality.trail_px
+    if trail_px is None:
         return None
-    if quality.fwhm_px is None or quality.ellipticity is None:
-        return None
-    axes_ratio = max(1.0 - quality.ellipticity, 0.01)
-    # a trail of length L adds L² / 12 to the variance along it
-    trail_px = quality.fwhm_px * _SIGMA_OF_FWHM * math.sqrt(12.0 * (1.0 / axes_ratio - axes_ratio))
     return max(trail_px, found.verdict.apart_px) * found.solution.scale_arcsec_px
 
 

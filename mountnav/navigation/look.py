@@ -127,7 +127,7 @@ def observation_of(
     return PointingObservation(
         utc=look.mid_exposure_utc,
         seen=look.seen,
-        sigma_arcsec=solution.center_sigma_arcsec,
+        sigma_arcsec=look.sigma_arcsec,
         reading=for_mount(look.believed, epoch, look.mid_exposure_utc),
         side=side or PierSide.UNKNOWN,
         segment_id=segment_id,
@@ -287,6 +287,7 @@ async def expose_and_solve(
             segment_id=segment_id,
             model_id=model_id,
             camera=camera_of(frame, equipment.camera.name),
+            tolerance_arcsec=policy.tolerance_arcsec,
         )
         sight = Sight()
         if shot.following_arcsec is None:
@@ -369,6 +370,7 @@ def look_of(
     segment_id: str,
     model_id: str | None,
     camera: CameraIdentity,
+    tolerance_arcsec: float = math.inf,
 ) -> Look:
     """A solved frame against the readings round it."""
     assert verdict.solution is not None
@@ -389,6 +391,7 @@ def look_of(
         segment_id=segment_id,
         model_id=model_id,
         camera=camera,
+        tolerance_arcsec=tolerance_arcsec,
     )
 
 

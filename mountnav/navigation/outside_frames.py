@@ -88,6 +88,7 @@ def compared(
             segment_id=meanwhile.segment_id,
             model_id=meanwhile.model_id,
             camera=camera_of(frame),
+            tolerance_arcsec=meanwhile.tolerance_arcsec,
         )
         if not doubts and meanwhile.not_fresh:
             doubts.append(SyncDoubt.NOT_FRESH)
@@ -151,6 +152,7 @@ async def compare_frame(
             moved_utc=equipment.mount.last_motion_utc,
             segment_id=equipment.mount.segment_id,
             model_id=equipment.pointing.model_id,
+            tolerance_arcsec=policy.tolerance_arcsec,
         )
         told = compared(frame, verdict, middle, meanwhile, look_id=look_id)
         refused = ("not-read", NOT_READ) if around is None else None

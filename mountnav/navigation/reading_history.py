@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -44,6 +45,8 @@ class Meanwhile:
         End of the mount's last order to move.
     not_fresh : str
         Why the camera's frames before it don't prove that this one shows the sky of now; empty if they do.
+    tolerance_arcsec : float
+        How far off the telescope may be.
     """
 
     around: Around | None
@@ -52,6 +55,7 @@ class Meanwhile:
     segment_id: str
     model_id: str | None
     not_fresh: str = ""
+    tolerance_arcsec: float = math.inf
 
 
 class ReadingHistory:

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 
-from mountnav.devices import MountReading, PierSide, SlewOutcome, SyncOutcome
+from mountnav.devices import MountReading, PierSide, SlewOutcome, SyncOutcome, from_mount
 from mountnav.ephemeris import SkyRates
 from mountnav.errors import LimitKind, SyncDoubt
 from mountnav.frames import Frame
+from mountnav.measuring.measurements import StarImages
 from mountnav.navigation.reading_history import Meanwhile
 from mountnav.sky.coordinates import Icrs
-from mountnav.sky.sphere import Offset
+from mountnav.sky.sphere import Offset, separation_arcsec
 from mountnav.solution import Solution, Verdict
 
 __all__ = [
@@ -132,7 +133,7 @@ class Try:
     expected_arcsec : float or None
         How far off the tube was expected to look in this look, one sigma; None if that wasn't known.
     sigma_arcsec : float
-        Of `error_arcsec`: the solve's, and what the mount moved during the exposure.
+        Of `error_arcsec`: the look's (`Look.sigma_arcsec`), and what the mount moved during the exposure.
     why : str
         What was decided, and by what numbers; for the last try, why it stopped.
     followed : str
@@ -345,6 +346,8 @@ class Look:
         Whose frame it is.
     at : PointSeen or None
         Where the point looked that was asked for.
+    tolerance_arcsec : float
+        How far off the work that took it may end; infinite where it has no limit of its own.
     """
 
     look_id: str
@@ -363,6 +366,34 @@ class Look:
     model_id: str | None = None
     camera: CameraIdentity | None = None
     at: PointSeen | None = None
+    tolerance_arcsec: float = math.inf
+
+    @property
+    def mount_moved_arcsec(self) -> float:
+        """How far the mount's reading moved during the exposure."""
+        return separation_arcsec(from_mount(self.before.place), from_mount(self.after.place))
+
+    @property
+    def sky_moved_arcsec(self) -> float:
+        """How far the sky moved in the frame while it was exposed, as far as that is certain.
+
+        By the two images of each star, or the path, to whose middle the plate was moved.
+        """
+        return self.verdict.apart_px * self.solution.scale_arcsec_px
+
+    @property
+    def sigma_arcsec(self) -> float:
+        """One-sigma error of `offset` as it is when the exposure has ended.
+
+        The solved place is the middle of what the sky did in the frame, and the tube stands at an end of it
+        now: a half of that way comes to the solve's own error. Where the mount's reading went along, the
+        offset is the same at the middle and at the end.
+        """
+        way_arcsec, quality = self.sky_moved_arcsec, self.verdict.quality
+        if quality is not None and quality.images is StarImages.TRAILED:
+            way_arcsec = max(way_arcsec, (quality.trail_px or 0.0) * self.solution.scale_arcsec_px)
+        alone_arcsec = max(0.0, way_arcsec - self.mount_moved_arcsec)
+        return math.hypot(self.solution.center_sigma_arcsec, 0.5 * alone_arcsec)
 
     @property
     def blind(self) -> bool:

@@ -214,7 +214,7 @@ class Judge:
         return PointingObservation(
             utc=found.mid_exposure_utc,
             seen=found.seen,
-            sigma_arcsec=found.solution.center_sigma_arcsec,
+            sigma_arcsec=found.sigma_arcsec,
             reading=for_mount(found.believed, self.mount.epoch, found.mid_exposure_utc),
             side=found.after.side,
             segment_id=self.mount.segment_id,

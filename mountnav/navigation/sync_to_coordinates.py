@@ -209,7 +209,7 @@ class CoordinateSyncs:
         if found.segment_id not in ("", self.judge.mount.segment_id):
             # of other zero points
             return
-        sigma = found.solution.center_sigma_arcsec
+        sigma = found.sigma_arcsec
         sigma = sigma if math.isfinite(sigma) else 0.0
         self.proven(Seen(found.seen, found.offset, sigma, found.after.side))
 

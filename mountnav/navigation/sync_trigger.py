@@ -19,7 +19,8 @@ class SyncTrigger(StrEnum):
     CENTERING = "centering"
     NIGHT = "night"
     RECOVERY = "recovery"
-    """Two frames agree: the rule, the size and the expectation are not asked."""
+    """Two frames agree: the rule, the size and the expectation are not asked, nor how well the offset is
+    known: what is known to half a minute of arc brings back a mount that is lost."""
     FIRST_LIGHT = "first light"
     """As a recovery; and the tube was seen moving as the mount says."""
 
@@ -31,7 +32,7 @@ class SyncTrigger(StrEnum):
     @property
     def not_asked(self) -> frozenset[SyncDoubt]:
         """Vetoes that don't count here."""
-        lost = {SyncDoubt.TOO_FAR, SyncDoubt.NOT_EXPECTED}
+        lost = {SyncDoubt.TOO_FAR, SyncDoubt.NOT_EXPECTED, SyncDoubt.UNSURE}
         return frozenset(lost if self.lost else ())
 
     @property

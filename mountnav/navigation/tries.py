@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from mountnav.devices import SyncOutcome, from_mount
+from mountnav.devices import SyncOutcome
 from mountnav.errors import NotReached, SyncDoubt, SyncRefused, TargetNotReached
 from mountnav.navigation.equipment import Equipment
 from mountnav.navigation.policy import Approach, CenteringPolicy
@@ -13,7 +13,7 @@ from mountnav.navigation.reports import Correction, Look, Try
 from mountnav.navigation.steering import Followed, Hole
 from mountnav.navigation.sync import SyncDecision
 from mountnav.pointing.offset import TooFarToSync
-from mountnav.sky.sphere import Offset, separation_arcsec
+from mountnav.sky.sphere import Offset
 
 __all__ = ["StopRules", "Tries", "tolerance_kept", "tolerance_widened", "try_facts"]
 
@@ -144,10 +144,9 @@ class Tries:
         self._equipment.listen("attempt", try_facts(self.all[-1]))
 
     def sigma_arcsec(self, found: Look) -> float:
-        """Of the error seen: the solve's, and what the mount moved during the exposure beyond one step."""
-        moved = separation_arcsec(from_mount(found.before.place), from_mount(found.after.place))
-        beyond = max(0.0, moved - self._equipment.mount.resolution_arcsec)
-        solved = found.solution.center_sigma_arcsec
+        """Of the error seen: the look's, and what the mount moved during the exposure beyond one step."""
+        beyond = max(0.0, found.mount_moved_arcsec - self._equipment.mount.resolution_arcsec)
+        solved = found.sigma_arcsec
         return math.hypot(solved if math.isfinite(solved) else 0.0, beyond)
 
     def noise_arcsec(self, found: Look) -> float:

@@ -13,7 +13,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 
-from mountnav.devices import from_mount
 from mountnav.errors import SyncDoubt
 from mountnav.navigation.reports import Look
 from mountnav.navigation.sync_policy import SyncPolicy, SyncRule
@@ -65,6 +64,7 @@ GRAVEST_FIRST = (
     SyncDoubt.TOLD_TOO_MUCH,
     SyncDoubt.NEAR_MERIDIAN,
     SyncDoubt.TOO_OLD,
+    SyncDoubt.UNSURE,
     SyncDoubt.POLICY_NEVER,
     SyncDoubt.NOT_FIRST,
     SyncDoubt.SAME_TARGET,
@@ -96,6 +96,8 @@ ADVICE: Mapping[SyncDoubt, str] = {
     SyncDoubt.TOLD_TOO_MUCH: "let it look (sync), let it find its home, or say trust",
     SyncDoubt.NEAR_MERIDIAN: "sync on a field further east or west",
     SyncDoubt.TOO_OLD: "look again",
+    SyncDoubt.UNSURE: "look again with a shorter exposure, when the mount tracks and the tube keeps still; "
+    "or ask for a larger tolerance",
     SyncDoubt.POLICY_NEVER: "the settings say sync.rule = never: correct by offset",
     SyncDoubt.NOT_FIRST: "the settings allow one sync a night: correct by offset",
     SyncDoubt.SAME_TARGET: "the settings allow one sync for each target: correct by offset",
@@ -121,7 +123,7 @@ class Claim:
     utc : datetime
         For both.
     sigma_arcsec : float
-        Of `seen`; 0 where nobody knows.
+        Of `offset`; 0 where nobody knows.
     told : bool
         Nobody has looked.
     """
@@ -140,7 +142,7 @@ class Claim:
 
 def claimed(found: Look) -> Claim:
     """What a solved frame says."""
-    return Claim(found.seen, found.believed, found.mid_exposure_utc, found.solution.center_sigma_arcsec)
+    return Claim(found.seen, found.believed, found.mid_exposure_utc, found.sigma_arcsec)
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +204,7 @@ def frame_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Vetoe
     """Whether the mount rested, tracked, and has not been moved since; whether the frame is fresh."""
     vetoes: Vetoes = {}
     before, after = found.before, found.after
-    wandered = separation_arcsec(from_mount(before.place), from_mount(after.place))
+    wandered = found.mount_moved_arcsec
     allowed = policy.max_motion_arcsec + context.resolution_arcsec
     if before.slewing or after.slewing:
         vetoes[SyncDoubt.MOVED] = "the mount was slewing while the frame was exposed"
@@ -210,13 +212,17 @@ def frame_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Vetoe
         vetoes[SyncDoubt.MOVED] = (
             f"the mount moved {wandered:.0f}″ while the frame was exposed (allowed {allowed:.0f}″)"
         )
-    elif not (apart := found.verdict.apart_px * found.solution.scale_arcsec_px) <= allowed:
+    elif not found.sky_moved_arcsec <= allowed:
         # the solution is the middle: the tube stands at either end now
         vetoes[SyncDoubt.MOVED] = (
-            f"the sky moved {apart:.0f}″ in the frame while it was exposed (allowed {allowed:.0f}″)"
+            f"the sky moved {found.sky_moved_arcsec:.0f}″ in the frame while it was exposed "
+            f"(allowed {allowed:.0f}″)"
         )
     elif before.pier_side and after.pier_side and before.pier_side is not after.pier_side:
         vetoes[SyncDoubt.MOVED] = f"the mount changed sides ({before.pier_side} → {after.pier_side})"
+    unsure = _unsure(found, policy, context)
+    if unsure and SyncDoubt.MOVED not in vetoes:
+        vetoes[SyncDoubt.UNSURE] = unsure
     moved = context.last_moved_utc
     if moved is not None and before.utc < moved:
         vetoes[SyncDoubt.OLDER_THAN_MOVE] = (
@@ -229,6 +235,23 @@ def frame_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Vetoe
     if not -policy.max_age_s <= age_s <= policy.max_age_s:
         vetoes[SyncDoubt.TOO_OLD] = f"the frame is {age_s:.0f} s old (allowed {policy.max_age_s:.0f} s)"
     return vetoes
+
+
+def _unsure(found: Look, policy: SyncPolicy, context: SyncContext) -> str:
+    """Why a look shows the offset too badly for a sync that is to serve its work; empty if it doesn't.
+
+    A sync puts the zero points where the look says, for all that comes after; a slew that corrects by the
+    same look is looked at again.
+    """
+    allowed = min(policy.max_motion_arcsec, found.tolerance_arcsec) + context.resolution_arcsec
+    for who, moved in (("mount", found.mount_moved_arcsec), ("sky", found.sky_moved_arcsec)):
+        if not moved <= allowed:
+            return f"the {who} moved {moved:.0f}″ during the exposure, and {allowed:.0f}″ are asked for"
+    if not found.sigma_arcsec <= allowed:
+        return (
+            f"how far off it is is only known to {found.sigma_arcsec:.0f}″, and {allowed:.0f}″ are asked for"
+        )
+    return ""
 
 
 def solution_vetoes(found: Look, policy: SyncPolicy) -> Vetoes:
@@ -361,7 +384,9 @@ def policy_vetoes(found: Look, policy: SyncPolicy, context: SyncContext) -> Veto
         case SyncRule.PER_TARGET if counts.on_target:
             vetoes[SyncDoubt.SAME_TARGET] = f"this target had {counts.on_target} sync(s) in this night"
         case SyncRule.WHEN_OFF_BY:
-            least = max(policy.off_by_arcsec, context.resolution_arcsec)
+            own = found.sigma_arcsec
+            # an offset within its own error is none
+            least = max(policy.off_by_arcsec, context.resolution_arcsec, own if math.isfinite(own) else 0.0)
             if off < least:
                 vetoes[SyncDoubt.NOT_OFF_ENOUGH] = f"{off:.1f}″ off, less than {least:.1f}″"
     for count, most, of in (

@@ -22,18 +22,19 @@ from mountnav.errors import BadRequest
 from mountnav.files import MOST_RECORD_BYTES, read_text
 from mountnav.frames import Frame, Hint
 from mountnav.journal.records import CommandEnd, CommandRecord, Entry, Journal, LookRecord
+from mountnav.measuring.measurements import SkyQuality, StarImages
 from mountnav.night.events import Act, Decision, Why
 from mountnav.night.frames_in import Arrived
 from mountnav.night.placing import Placed
 from mountnav.parsing import json_of
 from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.sphere import Offset, half_turn_deg
-from mountnav.solution import IdentifiedPairs, Reason, Solution, Times, Verdict
+from mountnav.solution import MOVED_KEY, IdentifiedPairs, Reason, Solution, Times, Verdict
 
 _log = logging.getLogger(__name__)
 
-VERSION = 2
-"""1 did not hold what decisions hang on: played again, they differed."""
+VERSION = 3
+"""1 and 2 did not hold what decisions hang on: played again, they differed."""
 _DATE_LETTERS = 10
 """Of 2026-11-25, at the end of a night's name."""
 MOST_WAITING = 100_000
@@ -260,6 +261,8 @@ def as_json(value: Any) -> Any:
                 "reason": as_json(value.reason),
                 "detail": value.detail,
                 "measured": value.measured,
+                "moved_px": as_json(value.numbers.get(MOVED_KEY)),
+                "quality": as_json(value.quality),
                 "solution": None if value.solution is None else _solution(value.solution),
             }
         case Mapping():
@@ -516,7 +519,24 @@ def verdict_of(record: Json) -> Verdict:
     told = record["solution"]
     reason = None if record["reason"] is None else Reason(record["reason"])
     solution = None if told is None else _solution_read(told)
-    return Verdict(solution, reason, str(record["detail"]), int(record["measured"]), Times())
+    moved_px = record["moved_px"]
+    numbers = {} if moved_px is None else {MOVED_KEY: float(moved_px)}
+    return Verdict(
+        solution,
+        reason,
+        str(record["detail"]),
+        int(record["measured"]),
+        Times(),
+        numbers,
+        quality=_quality_read(record["quality"]),
+    )
+
+
+def _quality_read(record: Json | None) -> SkyQuality | None:
+    if record is None:
+        return None
+    told = {one.name: record[one.name] for one in fields(SkyQuality)}
+    return SkyQuality(**told | {"images": StarImages(told["images"])})
 
 
 def sync_of(command: Json, end: Json) -> RecordedSync | None:

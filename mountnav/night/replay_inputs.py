@@ -84,7 +84,12 @@ def meanwhile_of(record: Json) -> Meanwhile:
         segment_id=str(record["segment_id"]),
         model_id=None if model_id is None else str(model_id),
         not_fresh=str(record["not_fresh"]),
+        tolerance_arcsec=_or_infinite(record["tolerance_arcsec"]),
     )
+
+
+def _or_infinite(value: float | None) -> float:
+    return math.inf if value is None else float(value)
 
 
 def judged_of(record: Json) -> Judged:

@@ -578,7 +578,7 @@ TARGETS: dict[str, Target] = {
         _file(read_recording),
         lambda: [
             _json_lines(
-                {"kind": "header", "version": 2}, {"kind": "event", "utc": "2026-11-21T00:00:00+00:00"}
+                {"kind": "header", "version": 3}, {"kind": "event", "utc": "2026-11-21T00:00:00+00:00"}
             )
         ],
     ),

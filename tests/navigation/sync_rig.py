@@ -62,10 +62,11 @@ def solution_at(
     pairs: int = 40,
     false_probability: float = 1e-30,
     wcs: dict[str, Any] | None = None,
+    center_sigma_arcsec: float = 0.2,
 ) -> Solution:
     return Solution(
         center=place,
-        center_sigma_arcsec=0.2,
+        center_sigma_arcsec=center_sigma_arcsec,
         scale_arcsec_px=scale_arcsec_px,
         rotation_deg=rotation_deg % 360.0,
         parity=parity,

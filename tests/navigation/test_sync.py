@@ -35,6 +35,7 @@ from mountnav.simulation.mechanics import PointingErrors
 from mountnav.sky.chain import icrs_to_apparent
 from mountnav.sky.coordinates import Icrs
 from mountnav.sky.sphere import Offset, displaced, separation_arcsec
+from mountnav.solution import MOVED_KEY
 from tests.navigation.sync_rig import CAMERA_DEG, SCALE, HeardPointing, SureModel, SyncRig, rigged
 
 ANYWHERE = SyncPolicy(confirm=False, min_pole_deg=0.0, max_turn_arcsec=1e9)
@@ -105,6 +106,26 @@ def test_a_decision_that_is_handed_on_does_not_hide_a_mount_that_moved_since() -
             await rig.guard.commit(found, SyncTrigger.CENTERING, decision=decision)
         assert refusal.value.doubts == (SyncDoubt.MOVED,)
         assert rig.syncs == 0
+
+    rigged(work)
+
+
+def test_a_frame_in_which_the_sky_moved_more_than_its_work_allows_is_not_synced_on() -> None:
+    async def work(rig: SyncRig) -> None:
+        found = replace(await pointed(rig), tolerance_arcsec=10.0)
+        half_px = 10.0 / found.solution.scale_arcsec_px
+        moved = replace(found, verdict=replace(found.verdict, numbers={MOVED_KEY: half_px}))
+        assert moved.sky_moved_arcsec == pytest.approx(20.0)
+        with pytest.raises(SyncRefused) as refusal:
+            await rig.guard.commit(moved, SyncTrigger.ORDERED)
+        assert refusal.value.doubts == (SyncDoubt.UNSURE,)
+        assert rig.syncs == 0
+        # a slew that corrects is looked at again: that is left open
+        assert not rig.guard.consider(moved, SyncTrigger.CENTERING).against_the_sky
+        # for a coarser work it is good enough, and its error is told
+        coarse = replace(moved, tolerance_arcsec=30.0)
+        assert rig.guard.consider(coarse, SyncTrigger.CENTERING).allowed
+        assert coarse.sigma_arcsec == pytest.approx(10.0, abs=0.5)
 
     rigged(work)
 

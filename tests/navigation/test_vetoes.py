@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from mountnav.devices import MountReading, PierSide
 from mountnav.errors import BadSettings, SyncDoubt
+from mountnav.measuring.measurements import SkyQuality, StarImages
 from mountnav.navigation.reports import Look
 from mountnav.navigation.sync_judge import SyncCounts, night_of
 from mountnav.navigation.sync_policy import SyncPolicy, SyncRule
@@ -72,6 +74,18 @@ def drawn_out(arcsec: float) -> Look:
     return replace(found, verdict=replace(found.verdict, numbers=numbers))
 
 
+def seen_for(tolerance_arcsec: float, found: Look) -> Look:
+    """The same look, taken for a work with a tolerance."""
+    return replace(found, tolerance_arcsec=tolerance_arcsec)
+
+
+def trailed(fwhm_px: float, ellipticity: float, images: StarImages = StarImages.TRAILED) -> Look:
+    """A look whose stars are drawn out, at 2″ a pixel."""
+    found = look()
+    quality = SkyQuality(50, images, fwhm_px, ellipticity, 0.0, 100.0, 5.0, 0.0, None, 0.0)
+    return replace(found, verdict=replace(found.verdict, quality=quality))
+
+
 def context(**given: Any) -> SyncContext:
     facts: dict[str, Any] = {"now": NOW, "site": SITE, "air": AIR, "resolution_arcsec": 1.0} | given
     return SyncContext(**facts)
@@ -88,6 +102,21 @@ EAST, WEST = {"pier_side": PierSide.EAST}, {"pier_side": PierSide.WEST}
         (look(wandered=32.0), {}, {SyncDoubt.MOVED}),
         (drawn_out(30.5), {}, set()),
         (drawn_out(31.5), {}, {SyncDoubt.MOVED}),
+        # what was looked at for a finer work has to be known as well as that
+        (seen_for(20.0, drawn_out(20.5)), {}, set()),
+        (seen_for(20.0, drawn_out(21.5)), {}, {SyncDoubt.UNSURE}),
+        (seen_for(20.0, drawn_out(31.5)), {}, {SyncDoubt.MOVED}),
+        (seen_for(5.0, look(wandered=5.9)), {}, set()),
+        (seen_for(5.0, look(wandered=6.2)), {}, {SyncDoubt.UNSURE}),
+        (seen_for(300.0, drawn_out(31.5)), {}, {SyncDoubt.MOVED}),
+        (seen_for(4.0, look(center_sigma_arcsec=4.9)), {}, set()),
+        (seen_for(4.0, look(center_sigma_arcsec=5.1)), {}, {SyncDoubt.UNSURE}),
+        (look(center_sigma_arcsec=31.5), {}, {SyncDoubt.UNSURE}),
+        (look(center_sigma_arcsec=float("nan")), {}, {SyncDoubt.UNSURE}),
+        # a trail of 40 px: 40″ from its middle to its end
+        (trailed(28.0, 0.9), {}, {SyncDoubt.UNSURE}),
+        (trailed(28.0, 0.9, StarImages.DEFOCUSED), {}, set()),
+        (trailed(6.0, 0.6), {}, set()),
         (look(before={"slewing": True}), {}, {SyncDoubt.MOVED}),
         (look(after={"slewing": True}), {}, {SyncDoubt.MOVED}),
         (look(before=EAST, after=WEST), {}, {SyncDoubt.MOVED}),
@@ -235,7 +264,7 @@ def test_doubts_about_the_look_forbid_an_offset_too_and_the_policy_does_not() ->
     assert decision.against_the_sky == (SyncDoubt.SCALE,)
     assert not SyncTrigger.ORDERED.by_rule
     assert not SyncTrigger.RECOVERY.by_rule
-    assert SyncTrigger.RECOVERY.not_asked == {SyncDoubt.TOO_FAR, SyncDoubt.NOT_EXPECTED}
+    assert SyncTrigger.RECOVERY.not_asked == {SyncDoubt.TOO_FAR, SyncDoubt.NOT_EXPECTED, SyncDoubt.UNSURE}
     assert SyncTrigger.CENTERING.not_asked == set()
 
 
@@ -300,3 +329,28 @@ def test_settings_reach_the_policy() -> None:
 def test_a_policy_that_makes_no_sense_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(BadSettings):
         SyncPolicy(**wrong)
+
+
+def test_the_stated_error_holds_the_half_of_what_the_sky_moved() -> None:
+    found = drawn_out(24.0)
+    own = found.solution.center_sigma_arcsec
+    # the solution is the middle, and the tube stands 12″ from it now
+    assert found.sigma_arcsec == pytest.approx(math.hypot(own, 12.0))
+    assert claimed(found).sigma_arcsec == found.sigma_arcsec
+    # a mount whose reading went along is as far off at the end as in the middle
+    along = replace(found, after=replace(found.after, place=displaced(found.believed, 0.0, 24.0)))
+    along = replace(along, before=replace(found.before, place=found.believed))
+    assert along.sigma_arcsec == pytest.approx(own, abs=0.01)
+
+
+def test_an_offset_within_its_own_error_is_none() -> None:
+    found = drawn_out(28.0)
+    found = replace(found, offset=Offset(0.0, 13.0))
+    assert SyncDoubt.NOT_OFF_ENOUGH in policy_vetoes(found, POLICY, context())
+    assert not policy_vetoes(replace(found, offset=Offset(0.0, 15.0)), POLICY, context())
+
+
+def test_a_recovery_does_not_ask_how_well_the_offset_is_known() -> None:
+    assert SyncDoubt.UNSURE in SyncTrigger.RECOVERY.not_asked
+    assert SyncDoubt.UNSURE not in SyncTrigger.ORDERED.not_asked
+    assert SyncDoubt.MOVED not in SyncTrigger.RECOVERY.not_asked
