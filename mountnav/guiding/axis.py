@@ -55,7 +55,7 @@ _LONGEST_OFF = 15.0
 turned round for errors that noise alone makes."""
 _YOUNG_LOOKS = 30
 """Before so many looks of a field no surprise begins the bank again: it has hardly been thinned out."""
-UNPROVEN_SCATTERS, USELESS_SCATTERS, USELESS_SIGMAS = 1.5, 4.0, 2.0
+UNPROVEN_SCATTERS, USELESS_SCATTERS, LIKELY_SIGMAS = 1.5, 4.0, 2.0
 """And only what is off by so many times what looks scatter, whatever the forecast says of its own error: what
 lies within the scatter costs little, and a correction by it is luck. More, once the looks have shown with so
 many sigma that the forecast is worse than none. Doubled, a drift is followed later at the beginning."""
@@ -72,8 +72,9 @@ _COAST_SIGMAS = 1.0
 """Without a new look only what is off by so many sigma of the forecast is corrected."""
 
 
-_MEDIAN_OF_DIFFERENCES = 0.6745 * math.sqrt(2.0)
-"""Median of the absolute difference of two draws over the sigma of one, of a Gaussian; mathematics."""
+_MEDIAN_OF_SECOND_DIFFERENCES = 0.6745 * math.sqrt(6.0)
+"""Median of the absolute second difference of three draws over the sigma of one, of a Gaussian; mathematics. A
+drift, however fast, has no second difference."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +144,7 @@ class HeldAxis:
         self._rate_since_s = 0.0
         self._score = 0.0
         self._score_variance = 0.0
+        self._noise = 0.0
         self._looks = 0
         self._seek_at = 10
         self._asked = self._asked_least = self._asked_most = self._last_amount = 0.0
@@ -220,9 +222,9 @@ class HeldAxis:
             sigmas = max(sigmas, _COAST_SIGMAS)
         margin = 0.0 if sigmas == 0.0 else (sigmas * self._filter.forecast_sigma_arcsec(utc_s)) ** 2
         if sigmas == UNPROVEN_SIGMAS:
-            useless = self._score < -USELESS_SIGMAS * math.sqrt(self._score_variance)
-            least = USELESS_SCATTERS if useless else UNPROVEN_SCATTERS
-            margin = max(margin, (least * self._scatter()) ** 2)
+            borne_out = self._score > LIKELY_SIGMAS * math.sqrt(self._score_variance)
+            least = UNPROVEN_SCATTERS if borne_out else USELESS_SCATTERS
+            margin = max(margin, (least * max(self._scatter(), math.sqrt(self._noise))) ** 2)
         fare = 0.0 if self.actuator.play_arcsec == 0.0 else self._fare(paths, weights)
         best = choose(
             paths,
@@ -250,7 +252,7 @@ class HeldAxis:
         if len(self._without) < 3:
             return 0.0
         last = [self._without[at][1] for at in range(-min(len(self._without), _SCATTER_LOOKS), 0)]
-        return float(np.median(np.abs(np.diff(last)))) / _MEDIAN_OF_DIFFERENCES
+        return float(np.median(np.abs(np.diff(last, 2)))) / _MEDIAN_OF_SECOND_DIFFERENCES
 
     def _judge_harm(self, seen_arcsec: float, without: float, noise_arcsec2: float) -> None:
         """Hold what is off against what would be without any correction; the noise is in both."""
@@ -297,6 +299,7 @@ class HeldAxis:
         # the noise of the look is in both squares and falls out
         self._score += without**2 - (without - forecast) ** 2
         self._score_variance += 4.0 * noise * forecast**2
+        self._noise = noise
         self._filter.update(seen_arcsec, sigma_arcsec)
         self._looks += 1
         self._told(_Seen(utc_s, seen_arcsec, sigma_arcsec))
