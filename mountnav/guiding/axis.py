@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ more once they don't. Doubled, small drifts are left for twice as long."""
 UNPROVEN_SIGMAS = 3.5
 """Before that, and where it isn't so any more, only what is off by so many sigma of the forecast is
 corrected. Halved, one look of ten disturbs a mount that stands still."""
-LEAST_LOOKS, EARLY_LOOKS = 2, 5
+LEAST_LOOKS, EARLY_LOOKS = 2, 3
 """Looks before anything is corrected; and up to so many an axis counts as unproven, whatever they show: of
 few looks it can hardly be told what scatters and what moves."""
 _EVIDENCE = 4.0
@@ -55,10 +56,14 @@ _LONGEST_OFF = 15.0
 turned round for errors that noise alone makes."""
 _YOUNG_LOOKS = 30
 """Before so many looks of a field no surprise begins the bank again: it has hardly been thinned out."""
-UNPROVEN_SCATTERS, USELESS_SCATTERS, LIKELY_SIGMAS = 1.5, 4.0, 2.0
+UNPROVEN_SCATTERS, USELESS_SCATTERS, LIKELY_SIGMAS = 1.5, 4.0, 1.5
 """And only what is off by so many times what looks scatter, whatever the forecast says of its own error: what
-lies within the scatter costs little, and a correction by it is luck. More, once the looks have shown with so
-many sigma that the forecast is worse than none. Doubled, a drift is followed later at the beginning."""
+lies within the scatter costs little, and a correction by it is luck. By the second number, unless the looks
+have shown with so many sigma that the forecast is better than none. Doubled, a drift is followed later at the
+beginning."""
+BORNE_OUT = 0.5
+"""And both of the last two looks must have it off by this share of what is corrected, on the same side: one
+look that lies far from all others is no drift. Doubled, a drift that begins is followed some looks later."""
 _SCATTER_LOOKS = 30
 """Scatter is that of so many of the last looks, from one to the next. Doubled, a wind that rises counts
 later."""
@@ -73,8 +78,8 @@ _COAST_SIGMAS = 1.0
 
 
 _MEDIAN_OF_SECOND_DIFFERENCES = 0.6745 * math.sqrt(6.0)
-"""Median of the absolute second difference of three draws over the sigma of one, of a Gaussian; mathematics. A
-drift, however fast, has no second difference."""
+"""Median of the absolute second difference of three draws over the sigma of one, of a Gaussian; mathematics.
+A drift, however fast, has no second difference."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,7 +242,17 @@ class HeldAxis:
         )
         if best.none:
             self._owed = False
+        elif sigmas == UNPROVEN_SIGMAS and self._off_twice() < BORNE_OUT * math.sqrt(best.gain_arcsec2):
+            return NO_CORRECTION
         return best
+
+    def _off_twice(self) -> float:
+        """How far off both of the last two looks have it, on the same side, ″; 0 if they don't."""
+        if len(self._without) < 2:
+            return 0.0
+        since = self._jumps + self._dithered + self._filter.made()
+        before, last = self._without[-2][1] + since, self._without[-1][1] + since
+        return min(abs(before), abs(last)) if before * last > 0.0 else 0.0
 
     def _taken_back(self, utc_s: float, interval_s: float) -> AxisCorrection:
         """What puts the axis back to where it would be without corrections."""
@@ -252,7 +267,8 @@ class HeldAxis:
         if len(self._without) < 3:
             return 0.0
         last = [self._without[at][1] for at in range(-min(len(self._without), _SCATTER_LOOKS), 0)]
-        return float(np.median(np.abs(np.diff(last, 2)))) / _MEDIAN_OF_SECOND_DIFFERENCES
+        bends = (abs(a - 2.0 * b + c) for a, b, c in zip(last, last[1:], last[2:], strict=False))
+        return median(bends) / _MEDIAN_OF_SECOND_DIFFERENCES
 
     def _judge_harm(self, seen_arcsec: float, without: float, noise_arcsec2: float) -> None:
         """Hold what is off against what would be without any correction; the noise is in both."""
