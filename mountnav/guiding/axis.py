@@ -61,9 +61,10 @@ UNPROVEN_SCATTERS, USELESS_SCATTERS, LIKELY_SIGMAS = 1.5, 4.0, 1.5
 lies within the scatter costs little, and a correction by it is luck. By the second number, unless the looks
 have shown with so many sigma that the forecast is better than none. Doubled, a drift is followed later at the
 beginning."""
-BORNE_OUT = 0.5
-"""And both of the last two looks must have it off by this share of what is corrected, on the same side: one
-look that lies far from all others is no drift. Doubled, a drift that begins is followed some looks later."""
+BORNE_OUT, SMALL_ARCSEC = 0.5, 2.0
+"""And of a correction smaller than this, ″, both of the last two looks must show that share, on the same
+side: one look that lies apart is no drift. Of larger ones the gate of looks has judged already. Doubled, a
+drift that begins is followed some looks later."""
 _SCATTER_LOOKS = 30
 """Scatter is that of so many of the last looks, from one to the next. Doubled, a wind that rises counts
 later."""
@@ -242,8 +243,10 @@ class HeldAxis:
         )
         if best.none:
             self._owed = False
-        elif sigmas == UNPROVEN_SIGMAS and self._off_twice() < BORNE_OUT * math.sqrt(best.gain_arcsec2):
-            return NO_CORRECTION
+        elif sigmas == UNPROVEN_SIGMAS:
+            off = math.sqrt(best.gain_arcsec2)
+            if off < SMALL_ARCSEC and self._off_twice() < BORNE_OUT * off:
+                return NO_CORRECTION
         return best
 
     def _off_twice(self) -> float:
