@@ -155,6 +155,7 @@ def test_steps_that_the_mount_itself_refuses_are_passed_over(made: type[OwnLimit
     in_virtual_time(work, made=made)
 
 
+@pytest.mark.long
 def test_a_target_that_has_set_meanwhile_is_told_and_nothing_is_sent_there() -> None:
     # half a degree above the limit and setting: in some minutes it is below
     setting = hour_angle_to_icrs(HourAngle(58.0, 12.0, START), SITE, AIR)
