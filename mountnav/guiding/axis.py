@@ -17,9 +17,11 @@ from mountnav.guiding.periods import propose_period
 
 Array = NDArray[np.float64]
 
-SURE_SIGMAS = 3.0
+SURE_SIGMAS, SURE_MORE_SIGMAS, SURE_LOOKS = 3.0, 0.25, 30
 """An axis is corrected once the looks show with so many sigma that their forecast beats doing nothing, and no
-more once they don't. Doubled, small drifts are left for twice as long."""
+more once they don't. Each time that the looks have become twice as many as the third number, the second is
+added: the longer an axis was watched that needed nothing, the more chances luck had. Doubled, small drifts are
+left for twice as long."""
 UNPROVEN_SIGMAS = 3.5
 """Before that, and where it isn't so any more, only what is off by so many sigma of the forecast is
 corrected. Halved, one look of ten disturbs a mount that stands still."""
@@ -56,7 +58,7 @@ _LONGEST_OFF = 15.0
 turned round for errors that noise alone makes."""
 _YOUNG_LOOKS = 30
 """Before so many looks of a field no surprise begins the bank again: it has hardly been thinned out."""
-UNPROVEN_SCATTERS, USELESS_SCATTERS, LIKELY_SIGMAS = 1.5, 4.0, 1.5
+UNPROVEN_SCATTERS, USELESS_SCATTERS, LIKELY_SIGMAS = 1.5, 4.0, 2.5
 """And only what is off by so many times what looks scatter, whatever the forecast says of its own error: what
 lies within the scatter costs little, and a correction by it is luck. By the second number, unless the looks
 have shown with so many sigma that the forecast is better than none. Doubled, a drift is followed later at the
@@ -323,7 +325,8 @@ class HeldAxis:
         self._looks += 1
         self._told(_Seen(utc_s, seen_arcsec, sigma_arcsec))
         self._without.append((utc_s, without - self._jumps, sigma_arcsec))
-        sure = SURE_SIGMAS * math.sqrt(self._score_variance)
+        more = SURE_MORE_SIGMAS * math.log2(max(self._looks / SURE_LOOKS, 1.0))
+        sure = (SURE_SIGMAS + more) * math.sqrt(self._score_variance)
         self.worth_it = self._score > (0.0 if self.worth_it else sure)
         if not self._owed:
             self._judge_harm(seen_arcsec, without, max(noise, self._scatter() ** 2))
