@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 
 SURE_SIGMAS, SURE_MORE_SIGMAS, SURE_LOOKS = 3.0, 0.25, 30
 """An axis is corrected once the looks show with so many sigma that their forecast beats doing nothing, and no
-more once they don't. Each time that the looks have become twice as many as the third number, the second is
-added: the longer an axis was watched that needed nothing, the more chances luck had. Doubled, small drifts are
-left for twice as long."""
+more once they don't. Each time that the looks have doubled beyond the third number, the second is added: the
+longer an axis was watched that needed nothing, the more chances luck had. Doubled, small drifts are left for
+twice as long."""
 UNPROVEN_SIGMAS = 3.5
 """Before that, and where it isn't so any more, only what is off by so many sigma of the forecast is
 corrected. Halved, one look of ten disturbs a mount that stands still."""
