@@ -130,6 +130,11 @@ class DeviceRefused(DeviceError):
         super().__init__(what, device=device, advice=advice)
         self.reason = reason
 
+    @property
+    def of_place(self) -> bool:
+        """Whether it refuses the place alone, by a limit or a horizon of its own; another may be allowed."""
+        return self.reason in (Refusal.LIMIT, Refusal.BELOW_HORIZON)
+
 
 class CameraStale(DeviceError):
     """The camera hands out frames from before as if they were new: the same pixels, or the sky of before."""

@@ -31,9 +31,15 @@ _APPARENT_SIGMA_ARCSEC: Final = 0.35
 turning Earth (0.3″) is in it or not. Doubled, those tables are searched a little wider."""
 _LONGEST_LINE: Final = 3000
 """Letters of a line at most; all quantities together have 900."""
+_MOST_AU: Final = 200.0
+"""The farthest that anything is followed, au. Doubled, satellites 200 to 400 km away whose table doesn't tell
+its unit would be taken for that far."""
+_LONGEST_LEGEND: Final = 200_000
+"""Letters below the table in which the unit is looked for; that of all quantities has 40,000."""
 _LARGE_KM: Final = 6000.0
-"""Distances are in au where they are small numbers, else in kilometers: none is 6000 au away, nor 6000 km
-near with its distance told in km."""
+"""Where the table doesn't tell the distance's unit (its legend is cut off), smaller numbers than `_MOST_AU`
+are au, and larger ones than this are km; between them it is neither for certain: a satellite of the Earth is
+so near. Halved, one that is 4000 km away would be read without its unit, and rightly."""
 
 
 def looks_like_horizons(text: str) -> bool:
@@ -93,12 +99,13 @@ def read_horizons(text: str) -> Table:
     name = _told(header, "Target body name") or "a target of Horizons"
     name = re.sub(r"\s*\{source:.*", "", name).strip()[:80] or "a target of Horizons"
     observer = _observer(header)
+    unit = _range_unit(lines[end + 1 :])
     rows, digits = [], 0.0
     for number in range(begin + 1, end):
         line = lines[number]
         if not line.strip() or line.lstrip().startswith(">"):
             continue
-        row, digit = _row(columns, line, f"line {number + 1}")
+        row, digit = _row(columns, line, unit, f"line {number + 1}")
         rows.append(row)
         digits = max(digits, digit)
     return Table(name, tuple(rows), observer, digits)
@@ -164,12 +171,20 @@ def _columns(header: list[str]) -> _Columns:
     return _Columns(tuple(one.group() for one in found), tuple(one.end() for one in found), csv=False)
 
 
-def _row(columns: _Columns, line: str, at: str) -> tuple[TableRow, float]:
+def _range_unit(legend: list[str]) -> str | None:
+    """The unit of the distances, "AU" or "KM", by what stands below the table; None if nothing does."""
+    told = re.search(
+        r"\brange\b[^:]{0,400}?\bUnits\s*:\s*(AU|KM)\b", " ".join(legend)[:_LONGEST_LEGEND], re.I
+    )
+    return told[1].upper() if told else None
+
+
+def _row(columns: _Columns, line: str, unit: str | None, at: str) -> tuple[TableRow, float]:
     fields = columns.fields(line, at)
     told = dict(zip(columns.labels, fields, strict=False))
     utc = _time(told, at)
     place, digit, sigma = _place(columns, told, utc, at)
-    distance = _distance(columns, told, at)
+    distance = _distance(told, unit, at)
     return TableRow(utc, place, distance, math.hypot(sigma, _three_sigma(told, at))), digit
 
 
@@ -234,14 +249,19 @@ def _both(text: str, at: str) -> tuple[list[str], list[str]]:
     raise BadRequest(f"{at}: {text.strip()[:40]!r} is not a right ascension and declination")
 
 
-def _distance(columns: _Columns, told: dict[str, str], at: str) -> float | None:
+def _distance(told: dict[str, str], unit: str | None, at: str) -> float | None:
     text = told.get("delta")
     if text is None or text.strip() in ("", "n.a."):
         return None
     value = plain_number(text, "distance", at)
     if not value > 0.0:
         raise BadRequest(f"{at}: a distance of {value:g} is impossible")
-    return value / AU_KM if value > _LARGE_KM else value
+    if unit is None and _MOST_AU < value <= _LARGE_KM:
+        raise BadRequest(
+            f"{at}: a distance of {value:g} is in au or in km, and the table doesn't say which",
+            advice="copy the answer whole: its unit stands below the table",
+        )
+    return value / AU_KM if unit == "KM" or (unit is None and value > _LARGE_KM) else value
 
 
 def _three_sigma(told: dict[str, str], at: str) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +17,15 @@ from mountnav.guiding.periods import propose_period
 
 Array = NDArray[np.float64]
 
-SURE_SIGMAS = 3.0
+SURE_SIGMAS, SURE_MORE_SIGMAS, SURE_LOOKS = 3.0, 0.25, 30
 """An axis is corrected once the looks show with so many sigma that their forecast beats doing nothing, and no
-more once they don't. Doubled, small drifts are left for twice as long."""
+more once they don't. Each time that the looks have doubled beyond the third number, the second is added: the
+longer an axis was watched that needed nothing, the more chances luck had. Doubled, small drifts are left for
+twice as long."""
 UNPROVEN_SIGMAS = 3.5
 """Before that, and where it isn't so any more, only what is off by so many sigma of the forecast is
 corrected. Halved, one look of ten disturbs a mount that stands still."""
-LEAST_LOOKS, EARLY_LOOKS = 2, 5
+LEAST_LOOKS, EARLY_LOOKS = 2, 3
 """Looks before anything is corrected; and up to so many an axis counts as unproven, whatever they show: of
 few looks it can hardly be told what scatters and what moves."""
 _EVIDENCE = 4.0
@@ -55,10 +58,15 @@ _LONGEST_OFF = 15.0
 turned round for errors that noise alone makes."""
 _YOUNG_LOOKS = 30
 """Before so many looks of a field no surprise begins the bank again: it has hardly been thinned out."""
-UNPROVEN_SCATTERS, USELESS_SCATTERS, USELESS_SIGMAS = 1.5, 4.0, 2.0
+UNPROVEN_SCATTERS, USELESS_SCATTERS, LIKELY_SIGMAS = 1.5, 4.0, 2.5
 """And only what is off by so many times what looks scatter, whatever the forecast says of its own error: what
-lies within the scatter costs little, and a correction by it is luck. More, once the looks have shown with so
-many sigma that the forecast is worse than none. Doubled, a drift is followed later at the beginning."""
+lies within the scatter costs little, and a correction by it is luck. By the second number, unless the looks
+have shown with so many sigma that the forecast is better than none. Doubled, a drift is followed later at the
+beginning."""
+BORNE_OUT, SMALL_ARCSEC = 0.5, 2.0
+"""And of a correction smaller than this, ″, both of the last two looks must show that share, on the same
+side: one look that lies apart is no drift. Of larger ones the gate of looks has judged already. Doubled, a
+drift that begins is followed some looks later."""
 _SCATTER_LOOKS = 30
 """Scatter is that of so many of the last looks, from one to the next. Doubled, a wind that rises counts
 later."""
@@ -72,8 +80,9 @@ _COAST_SIGMAS = 1.0
 """Without a new look only what is off by so many sigma of the forecast is corrected."""
 
 
-_MEDIAN_OF_DIFFERENCES = 0.6745 * math.sqrt(2.0)
-"""Median of the absolute difference of two draws over the sigma of one, of a Gaussian; mathematics."""
+_MEDIAN_OF_SECOND_DIFFERENCES = 0.6745 * math.sqrt(6.0)
+"""Median of the absolute second difference of three draws over the sigma of one, of a Gaussian; mathematics.
+A drift, however fast, has no second difference."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +151,7 @@ class HeldAxis:
         self._rate_since_s = 0.0
         self._score = 0.0
         self._score_variance = 0.0
+        self._noise = 0.0
         self._looks = 0
         self._seek_at = 10
         self._asked = self._asked_least = self._asked_most = self._last_amount = 0.0
@@ -219,9 +229,9 @@ class HeldAxis:
             sigmas = max(sigmas, _COAST_SIGMAS)
         margin = 0.0 if sigmas == 0.0 else (sigmas * self._filter.forecast_sigma_arcsec(utc_s)) ** 2
         if sigmas == UNPROVEN_SIGMAS:
-            useless = self._score < -USELESS_SIGMAS * math.sqrt(self._score_variance)
-            least = USELESS_SCATTERS if useless else UNPROVEN_SCATTERS
-            margin = max(margin, (least * self._scatter()) ** 2)
+            borne_out = self._score > LIKELY_SIGMAS * math.sqrt(self._score_variance)
+            least = UNPROVEN_SCATTERS if borne_out else USELESS_SCATTERS
+            margin = max(margin, (least * max(self._scatter(), math.sqrt(self._noise))) ** 2)
         fare = 0.0 if self.actuator.play_arcsec == 0.0 else self._fare(paths, weights)
         best = choose(
             paths,
@@ -234,7 +244,19 @@ class HeldAxis:
         )
         if best.none:
             self._owed = False
+        elif sigmas == UNPROVEN_SIGMAS:
+            off = math.sqrt(best.gain_arcsec2)
+            if off < SMALL_ARCSEC and self._off_twice() < BORNE_OUT * off:
+                return NO_CORRECTION
         return best
+
+    def _off_twice(self) -> float:
+        """How far off both of the last two looks have it, on the same side, ″; 0 if they don't."""
+        if len(self._without) < 2:
+            return 0.0
+        since = self._jumps + self._dithered + self._filter.made()
+        before, last = self._without[-2][1] + since, self._without[-1][1] + since
+        return min(abs(before), abs(last)) if before * last > 0.0 else 0.0
 
     def _taken_back(self, utc_s: float, interval_s: float) -> AxisCorrection:
         """What puts the axis back to where it would be without corrections."""
@@ -249,7 +271,8 @@ class HeldAxis:
         if len(self._without) < 3:
             return 0.0
         last = [self._without[at][1] for at in range(-min(len(self._without), _SCATTER_LOOKS), 0)]
-        return float(np.median(np.abs(np.diff(last)))) / _MEDIAN_OF_DIFFERENCES
+        bends = (abs(a - 2.0 * b + c) for a, b, c in zip(last, last[1:], last[2:], strict=False))
+        return median(bends) / _MEDIAN_OF_SECOND_DIFFERENCES
 
     def _judge_harm(self, seen_arcsec: float, without: float, noise_arcsec2: float) -> None:
         """Hold what is off against what would be without any correction; the noise is in both."""
@@ -296,11 +319,13 @@ class HeldAxis:
         # the noise of the look is in both squares and falls out
         self._score += without**2 - (without - forecast) ** 2
         self._score_variance += 4.0 * noise * forecast**2
+        self._noise = noise
         self._filter.update(seen_arcsec, sigma_arcsec)
         self._looks += 1
         self._told(_Seen(utc_s, seen_arcsec, sigma_arcsec))
         self._without.append((utc_s, without - self._jumps, sigma_arcsec))
-        sure = SURE_SIGMAS * math.sqrt(self._score_variance)
+        more = SURE_MORE_SIGMAS * math.log2(max(self._looks / SURE_LOOKS, 1.0))
+        sure = (SURE_SIGMAS + more) * math.sqrt(self._score_variance)
         self.worth_it = self._score > (0.0 if self.worth_it else sure)
         if not self._owed:
             self._judge_harm(seen_arcsec, without, max(noise, self._scatter() ** 2))

@@ -21,7 +21,6 @@ from mountnav.errors import (
     NotReached,
     OffsetTooLarge,
     OutsideLimits,
-    Refusal,
     SolveFailed,
     SyncRefused,
     TargetNotReached,
@@ -318,7 +317,7 @@ class Mosaicking:
         except OutsideLimits as error:
             return PanelReport(panel, PanelEnd.NOT_ALLOWED, words=error.what)
         except DeviceRefused as error:
-            if error.reason is not Refusal.LIMIT:
+            if not error.of_place:
                 raise
             return PanelReport(panel, PanelEnd.NOT_ALLOWED, words=error.what)
         except (SolveFailed, TargetNotReached, SyncRefused, OffsetTooLarge, MountMoved) as error:

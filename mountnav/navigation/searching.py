@@ -6,12 +6,14 @@ clouds, a narrow field that the mount misses by more than its width. Nobody begi
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 from mountnav.errors import (
     BadFrame,
     BadRequest,
+    DeviceRefused,
     MountMoved,
     OutsideLimits,
     SolveFailed,
@@ -32,6 +34,10 @@ __all__ = ["SearchBounds", "SearchReport", "field_deg", "search"]
 
 _FRAMES = 1
 """Frames of each step: where stars are, one is enough. Doubled, a search takes twice as long."""
+_STEPS_A_LOOK = 10
+"""So many steps there are at most for each look that is allowed: what lies beyond the limits is passed over,
+and each such step is a line of the journal. Halved, a search in a corner between two limits may end with
+looks to spare."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,18 +138,14 @@ async def search(
     known = field_deg(equipment, policy)
     side_deg = bounds.field_deg if bounds.field_deg is not None else None if known is None else min(known)
     looks = passed_over = 0
-    places = [target]
-    if side_deg is not None:
-        places = list(spiral(target, bounds.step_share * side_deg, bounds.radius_deg))
+    places = iter([target]) if side_deg is None else _places(target, bounds, side_deg)
     last = "no look was taken"
-    for number, place in enumerate(places):
+    while (place := next(places, None)) is not None:
         if looks >= bounds.most_looks or clock.monotonic_s() - began_s >= bounds.most_s:
             break
-        try:
-            await slewing.slew(place, slewing.aimed(place, await slewing.side_at(place)))
-        except OutsideLimits:
-            if number == 0:
-                raise
+        if (refused := await _refused(slewing, place)) is not None:
+            if looks + passed_over == 0:
+                raise refused
             passed_over += 1
             continue
         looks += 1
@@ -177,8 +179,8 @@ async def search(
                     advice="give field_deg, or set the telescope's scale_arcsec_px",
                 )
             side_deg = min(known)
-            places += list(spiral(target, bounds.step_share * side_deg, bounds.radius_deg))[1:]
-    await slewing.slew(target, slewing.aimed(target, await slewing.side_at(target)))
+            places = islice(_places(target, bounds, side_deg), 1, None)
+    stays = await _refused(slewing, target)
     over = f"; {passed_over} step(s) beyond the limits were passed over" if passed_over else ""
     words = (
         f"nothing was solved in {looks} looks within {bounds.radius_deg:g}° round the target{over}; "
@@ -188,10 +190,34 @@ async def search(
     raise SolveFailed(
         words,
         device=equipment.name,
-        advice="the mount was sent back to the target; check for clouds, dew, focus and the lens cap, or "
+        advice=(
+            "the mount was sent back to the target"
+            if stays is None
+            else f"the mount was not sent back to the target ({stays.what})"
+        )
+        + "; check for clouds, dew, focus and the lens cap, or "
         "search further (radius_deg, most_looks, most_s, exposure_s)",
         reason="not found",
     )
+
+
+def _places(target: Icrs, bounds: SearchBounds, side_deg: float) -> Iterator[Icrs]:
+    """The steps, the target first: a wide search by small fields has millions, and few are ever come to."""
+    steps = spiral(target, bounds.step_share * side_deg, bounds.radius_deg)
+    return islice(steps, _STEPS_A_LOOK * bounds.most_looks)
+
+
+async def _refused(slewing: Slewing, place: Icrs) -> OutsideLimits | DeviceRefused | None:
+    """Slew there; or why it isn't allowed, by our limits or by the mount's own."""
+    try:
+        await slewing.slew(place, slewing.aimed(place, await slewing.side_at(place)))
+    except OutsideLimits as error:
+        return error
+    except DeviceRefused as error:
+        if not error.of_place:
+            raise
+        return error
+    return None
 
 
 async def _looked(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -231,6 +232,29 @@ def test_what_horizons_leaves_open_is_refused(csv: bool, old: str, new: str, say
         return
     with pytest.raises(BadRequest, match=says):
         read_table(changed)
+
+
+@pytest.mark.parametrize(
+    ("unit", "far_au"),
+    [("KM and KM/S", 412.5 / AU_KM), ("AU and KM/S", 412.5), (None, None)],
+)
+def test_a_distance_of_some_hundreds_is_in_the_unit_that_the_legend_says(
+    unit: str | None, far_au: float | None
+) -> None:
+    # a satellite of the Earth passes so near: taken for au it would stand at one place from everywhere
+    text = horizons(csv=True, degrees=True, apparent=False, center="site")
+    text, count = re.subn(r", [0-9]\.[0-9]{14},", ", 412.50000000000,", text)
+    assert count == 9
+    if unit is None:
+        with pytest.raises(BadRequest, match="in au or in km"):
+            read_table(text)
+        return
+    text += (
+        "\n  'delta  deldot' =\n   Apparent range (\"delta\", light-time aberrated) and range-rate"
+        f' ("delta-dot")\nof the target center relative to the observer.  Units: {unit}\n'
+    )
+    table = read_table(text)
+    assert table.rows[0].distance_au == pytest.approx(far_au)
 
 
 def test_vectors_of_horizons_are_refused() -> None:

@@ -12,9 +12,10 @@ from mountnav.guiding.law import AxisCorrection
 
 
 @pytest.mark.long
-def test_a_fine_mount_in_wind_is_not_held_worse_than_it_stands() -> None:
-    # by corrections that looks don't bear out it was held 9 % worse
-    one = night(587)
+@pytest.mark.parametrize("seed", [587, 30943])
+def test_a_fine_mount_in_wind_is_not_held_worse_than_it_stands(seed: int) -> None:
+    # by corrections that looks don't bear out they were held 9 and 31 % worse
+    one = night(seed)
     held, _ = lived(one)
     assert held <= NO_WORSE * lived_open(one)
 
@@ -49,3 +50,30 @@ def test_what_looks_show_to_do_harm_is_taken_back_until_they_show_that_it_would_
         axis.corrected(done, 20.0 * number + 2.0)
     assert not axis.backed_off
     assert abs(0.1 * 99 + made) < 1.5
+
+
+def held(offs: list[float], scatter: list[float], sigma: float = 0.2) -> list[float]:
+    """Steps that an axis makes of looks which show `offs`, its corrections and a scatter."""
+    axis = HeldAxis(Actuator(step_arcsec=0.1), start_sigma_arcsec=0.5, swings=False)
+    made, steps = 0.0, []
+    for number, (off, drawn) in enumerate(zip(offs, scatter, strict=True)):
+        axis.seen(60.0 * number, off + made + drawn, sigma)
+        done = axis.correction(60.0 * number + 10.0, 60.0)
+        axis.corrected(done, 60.0 * number + 10.0)
+        made += done.step_arcsec
+        steps.append(done.step_arcsec)
+    return steps
+
+
+def test_one_look_that_lies_apart_disturbs_no_axis_that_stands_still() -> None:
+    # the looks of a fine mount in gusts; after the eleventh a step of 1.4″ was made, and taken back later
+    looks = [0.26, -0.37, 0.0, 0.61, 0.35, 0.2, 0.08, 0.24, 0.52, 0.6, 1.7, 0.74, 0.77, -0.46, 0.2, -0.3]
+    assert not any(held([0.0] * len(looks), looks, 0.26))
+
+
+def test_a_fast_drift_is_no_scatter_and_is_followed_from_the_first_looks_on() -> None:
+    scatter = [0.2 * float(one) for one in np.random.default_rng(9).standard_normal(20)]
+    drift = [2.5 * number for number in range(20)]
+    steps = held(drift, scatter)
+    assert any(steps[:4])
+    assert abs(drift[-1] + sum(steps)) < 3.0

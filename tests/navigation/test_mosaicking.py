@@ -6,7 +6,17 @@ import asyncio
 
 import pytest
 
-from mountnav.errors import BadRequest, Busy, NotReached, OutsideLimits, TargetNotReached
+from drivers.simulated.mount import SimulatedMount
+from mountnav.devices import SlewOutcome
+from mountnav.errors import (
+    BadRequest,
+    Busy,
+    DeviceRefused,
+    NotReached,
+    OutsideLimits,
+    Refusal,
+    TargetNotReached,
+)
 from mountnav.journal.records import EntryKind
 from mountnav.navigation.camera import apart_deg
 from mountnav.navigation.mosaicking import MosaicReport, MosaicWait, PanelEnd, PanelReport
@@ -14,7 +24,7 @@ from mountnav.navigation.rotator import RotatorRules
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.rotator_mechanics import RotatorBehavior
 from mountnav.simulation.sky_script import Cloud, SkyScript
-from mountnav.sky.coordinates import Icrs
+from mountnav.sky.coordinates import Apparent, Icrs
 from mountnav.sky.patterns import Panel, mosaic, offsets
 from mountnav.sky.sphere import separation_arcsec
 from tests.navigation.virtual_rig import VirtualRig, in_virtual_time
@@ -121,6 +131,24 @@ def test_panels_that_are_not_allowed_are_told_beforehand_and_left_out() -> None:
         return report
 
     in_virtual_time(work, limits=Limits(min_altitude_deg=30.0))
+
+
+class OwnHorizon(SimulatedMount):
+    """A mount that refuses what lies south of 35°, by a horizon of its own."""
+
+    async def slew(self, place: Apparent | Icrs) -> SlewOutcome:
+        if place.dec_deg < 35.0:
+            raise DeviceRefused("the slew refused", device="rig", reason=Refusal.BELOW_HORIZON)
+        return await super().slew(place)
+
+
+def test_a_panel_below_the_mounts_own_horizon_is_left_out() -> None:
+    async def work(rig: VirtualRig) -> None:
+        report = await rig.navigator.mosaic(panels_round(rig.up(20.0, 35.0), across=1), wait=DWELL)
+        assert [one.end for one in report.panels] == [PanelEnd.DONE, PanelEnd.NOT_ALLOWED]
+        assert report.missing == (2,)
+
+    in_virtual_time(work, made=OwnHorizon)
 
 
 def test_if_none_is_allowed_nothing_moves_and_it_tells_when() -> None:

@@ -6,18 +6,21 @@ import math
 
 import pytest
 
-from mountnav.errors import BadRequest, OutsideLimits, SolveFailed
+from drivers.simulated.mount import SimulatedMount
+from mountnav.devices import SlewOutcome
+from mountnav.errors import BadRequest, DeviceRefused, OutsideLimits, Refusal, SolveFailed
 from mountnav.frames import Frame, Hint
 from mountnav.navigation.searching import SearchBounds
 from mountnav.pointing.limits import Limits
 from mountnav.simulation.sky_script import SkyScript
 from mountnav.simulation.sky_seen import SkySeen
 from mountnav.simulation.truth_frame import truth_of
-from mountnav.sky.coordinates import Icrs
+from mountnav.sky.chain import hour_angle_to_icrs, icrs_to_observed
+from mountnav.sky.coordinates import Apparent, HourAngle, Icrs
 from mountnav.sky.sphere import separation_arcsec
 from mountnav.solution import Reason, Times, Verdict
 from mountnav.solving.settings import SolveSettings
-from tests.navigation.virtual_rig import VirtualRig, in_virtual_time
+from tests.navigation.virtual_rig import AIR, SITE, START, VirtualRig, in_virtual_time
 
 
 class PoorRound:
@@ -120,6 +123,64 @@ def test_steps_beyond_the_limits_are_passed_over() -> None:
             await rig.navigator.spiral_search(rig.up(0.5, -20.0), SearchBounds(radius_deg=1.2))
 
     in_virtual_time(work, limits=Limits(min_altitude_deg=30.0))
+
+
+class OwnLimit(SimulatedMount):
+    """A mount that refuses what lies south of -12°, by a limit of its own."""
+
+    reason = Refusal.LIMIT
+
+    async def slew(self, place: Apparent | Icrs) -> SlewOutcome:
+        if place.dec_deg < -12.0:
+            raise DeviceRefused("the slew refused: limit", device="rig", reason=self.reason)
+        return await super().slew(place)
+
+
+class OwnHorizon(OwnLimit):
+    """The same by a horizon of its own."""
+
+    reason = Refusal.BELOW_HORIZON
+
+
+@pytest.mark.parametrize("made", [OwnLimit, OwnHorizon])
+def test_steps_that_the_mount_itself_refuses_are_passed_over(made: type[OwnLimit]) -> None:
+    async def work(rig: VirtualRig) -> None:
+        target = rig.up(0.5, -11.6)
+        await with_poor(rig, target, 1e9, 1e9)
+        with pytest.raises(SolveFailed, match=r"[3-6] looks .*3 step.s. beyond the limits were passed over"):
+            await rig.navigator.spiral_search(target, SearchBounds(radius_deg=1.2))
+        with pytest.raises(DeviceRefused):
+            await rig.navigator.spiral_search(rig.up(0.5, -20.0), SearchBounds(radius_deg=1.2))
+
+    in_virtual_time(work, made=made)
+
+
+@pytest.mark.long
+def test_a_target_that_has_set_meanwhile_is_told_and_nothing_is_sent_there() -> None:
+    # half a degree above the limit and setting: in some minutes it is below
+    setting = hour_angle_to_icrs(HourAngle(58.0, 12.0, START), SITE, AIR)
+    lowest_deg = icrs_to_observed(setting, START, SITE, AIR).alt_deg - 0.5
+
+    async def work(rig: VirtualRig) -> None:
+        await with_poor(rig, setting, 1e9, 1e9)
+        with pytest.raises(SolveFailed, match="nothing was solved") as failed:
+            await rig.navigator.spiral_search(setting, SearchBounds(radius_deg=3.0, most_s=1200.0))
+        assert "was not sent back" in str(failed.value.advice)
+
+    in_virtual_time(work, limits=Limits(min_altitude_deg=lowest_deg))
+
+
+def test_a_wide_search_by_a_small_field_begins_at_once() -> None:
+    # some 10 billion steps: they were all made before the first slew
+    bounds = SearchBounds(radius_deg=10.0, field_deg=0.001, step_share=0.2, most_looks=3)
+
+    async def work(rig: VirtualRig) -> None:
+        target = rig.up(20.0, 35.0)
+        await with_poor(rig, target, 1e9, 1e9)
+        with pytest.raises(SolveFailed, match="in 3 looks"):
+            await rig.navigator.spiral_search(target, bounds)
+
+    in_virtual_time(work)
 
 
 def test_what_is_solved_at_once_is_no_search() -> None:
