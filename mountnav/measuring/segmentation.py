@@ -73,7 +73,7 @@ class LightSegments:
         for down, right in ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
             left = np.flatnonzero(found == 0)
             found[left] = labels[rows[down][left] + columns[right][left]]
-        return found - 1
+        return np.asarray(found - 1)
 
 
 def segment_light(pixels: NDArray[np.generic], bins: Image | None = None) -> LightSegments:

@@ -61,7 +61,7 @@ def _ini(read: Callable[[str], object], name: str = "field.ini") -> Callable[[st
     def place(out: str, folder: Path) -> Place:
         seen = read((folder / name).read_text("ascii"))
         assert seen is not None
-        return seen.ra_deg, seen.dec_deg  # type: ignore[attr-defined, no-any-return]
+        return seen.ra_deg, seen.dec_deg  # type: ignore[attr-defined]
 
     return place
 
