@@ -11,7 +11,7 @@ from mountnav.catalog.embedded import embedded_catalog
 from mountnav.catalog.packed import PackedStore
 from mountnav.catalog.star_counts import DEEPER_MAG, DEEPEST_MAG, stars_deep_enough
 from mountnav.catalog.stars import Stars
-from mountnav.identification.pairing import predicted
+from mountnav.identification.pairing import Predicted, predicted
 from mountnav.identification.plate import Plate
 from mountnav.measuring.segmentation import segment_light
 from mountnav.sky.coordinates import Icrs
@@ -72,17 +72,20 @@ def test_a_prediction_is_remembered_for_that_plate_and_those_stars_alone() -> No
     plate = Plate(
         center, 399.5, 299.5, 400.0, 1, 1, np.array([0.0, 1600.0, 0.0]), np.array([0.0, 0.0, 1600.0])
     )
-    size = {"width_px": 800, "height_px": 600}
-    first = predicted(plate, stars, **size)
-    assert predicted(plate, stars, **size) is first
+
+    def seen(plate: Plate, stars: Stars, margin_px: float = 0.0) -> Predicted:
+        return predicted(plate, stars, width_px=800, height_px=600, margin_px=margin_px)
+
+    first = seen(plate, stars)
+    assert seen(plate, stars) is first
     with pytest.raises(ValueError, match="read-only"):
         first.x_px[0] = 0.0
-    wider = predicted(plate, stars, **size, margin_px=50.0)
+    wider = seen(plate, stars, 50.0)
     assert len(wider) > len(first)
-    moved = predicted(dataclasses.replace(plate, center_x_px=400.5), stars, **size)
+    moved = seen(dataclasses.replace(plate, center_x_px=400.5), stars)
     assert not np.array_equal(moved.x_px, first.x_px)
-    fewer = predicted(plate, stars.only(np.arange(20)), **size)
+    fewer = seen(plate, stars.only(np.arange(20)))
     assert len(fewer) <= 20
-    again = predicted(plate, stars, **size)
+    again = seen(plate, stars)
     assert again is not first
     assert np.array_equal(again.x_px, first.x_px)
