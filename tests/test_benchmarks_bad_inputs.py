@@ -29,6 +29,13 @@ def test_no_bad_file_of_any_kind_is_solved_or_breaks_a_door(sky_index: object) -
     assert {name.split(": ")[1] for name in tally.asked} == set(KINDS)
 
 
+@pytest.mark.long
+def test_a_strip_of_true_stars_among_others_is_no_solution(sky_index: object) -> None:
+    """Orion's sword in a strip of 35 px, mirrored: it was taken for the middle of a wide lens."""
+    assert bad_input(200_398).kind == "list"
+    assert run_here(range(200_398, 200_399), ("solve-field",), most_mb=math.inf).bad == []
+
+
 def test_a_run_goes_on_from_what_is_kept(tmp_path: Path) -> None:
     kept = Kept.at(tmp_path / "kept", "astap")
     one = Tally(Counter({"astap: noise": 2}), ["seed 1"], 40.0)

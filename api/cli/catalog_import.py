@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from types import TracebackType
     from typing import Self
 
-    from rich.progress import TaskID
+    from rich.progress import Progress, TaskID
 
     from mountnav.catalog.importing.order import Imported, ImportProgress, Selection
     from mountnav.catalog.packed import PackedStore
@@ -365,34 +365,53 @@ def built_with_progress(catalog: PackedStore) -> BlindIndex:
 
 def _open_or_build_index(catalog: PackedStore, *, force: bool) -> tuple[BlindIndex, bool]:
     """The index, and whether it was built here."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
     from mountnav.identification.blind.cache import cached_index
 
-    shares: list[float] = []
-    console = Console(stderr=True)
-    bar = Progress(
-        TextColumn("building the index for blind solving"),
-        BarColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
-    task = bar.add_task("", total=1.0)
-
-    def show(share: float) -> None:
-        if not shares:
-            bar.start()  # not before something is to be seen: an index that is there is opened silently
-            if not console.is_terminal:
-                sys.stderr.write("building the index for blind solving: once, about half a minute\n")
-        shares.append(share)
-        bar.update(task, completed=share)
-
+    bar = _BuildingBar()
     try:
-        index = cached_index(catalog, progress=show, force=force)
+        index = cached_index(catalog, progress=bar.show, force=force)
     finally:
-        if shares:
-            bar.stop()
-    return index, bool(shares)
+        bar.end()
+    return index, bar.begun
+
+
+class _BuildingBar:
+    """The bar of an index that is being built. One that is there is opened silently, and without rich."""
+
+    def __init__(self) -> None:
+        self._bar: Progress | None = None
+
+    @property
+    def begun(self) -> bool:
+        """Whether anything was to be shown."""
+        return self._bar is not None
+
+    def show(self, share: float) -> None:
+        """So much is done, 0 to 1."""
+        if self._bar is None:
+            self._bar = self._started()
+        self._bar.update(self._bar.task_ids[0], completed=share)
+
+    def _started(self) -> Progress:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        console = Console(stderr=True)
+        bar = Progress(
+            TextColumn("building the index for blind solving"),
+            BarColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        bar.add_task("", total=1.0)
+        bar.start()
+        if not console.is_terminal:
+            sys.stderr.write("building the index for blind solving: once, about half a minute\n")
+        return bar
+
+    def end(self) -> None:
+        """Take it away."""
+        if self._bar is not None:
+            self._bar.stop()

@@ -149,7 +149,8 @@ class NovaApp:
         await response(scope, receive, send)
 
     async def _respond(self, request: Request) -> Response:
-        path = request.url.path.rstrip("/") or "/"
+        # a server's address that is typed with a slash at its end: what stands before nova's own joins them
+        path = _SLASHES.sub("/", request.url.path).rstrip("/") or "/"
         for pattern, answer in _ROUTES:
             found = pattern.fullmatch(path)
             if found is None:
@@ -516,6 +517,7 @@ class NovaApp:
 
 Answer = Callable[[NovaApp, Request, int], Awaitable[Response]]
 
+_SLASHES = re.compile("//+")
 _JOB = "/api/jobs/(?P<id>[^/]+)"
 _ROUTES: tuple[tuple[re.Pattern[str], Answer], ...] = tuple(
     (re.compile(path), answer)

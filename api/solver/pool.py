@@ -8,7 +8,6 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from api.problems import Refused
 from api.solver.limits import Limits
 from api.solver.link import Upload, Work
 from api.solver.turns import Turns
@@ -188,7 +187,11 @@ class Pool:
         try:
             await worker.warm_up()
             await worker.at_rest()
-        except (MountnavError, Refused):
+        except Exception as fault:
+            from api.problems import Refused  # brings FastAPI, which commands that solve do without
+
+            if not isinstance(fault, MountnavError | Refused):
+                raise
             self._failed.add(worker)
         finally:
             self._starting.discard(worker)

@@ -17,7 +17,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from api.problems import Refused, problem
 from api.solver.limits import Limits
 from api.solver.link import (
     ProcessEnded,
@@ -40,6 +39,7 @@ from mountnav.start_up import KEPT_BYTES
 from mountnav.tasks import begun, fault_words, waited_for
 
 if TYPE_CHECKING:
+    from api.problems import Refused
     from mountnav.measuring.calibration import Calibration
 
 _log = logging.getLogger(__name__)
@@ -439,4 +439,6 @@ def _refuse(request: _Request) -> None:
 
 
 def _going_down() -> Refused:
+    from api.problems import Refused, problem  # brings FastAPI, which commands that solve do without
+
     return Refused(problem("closing", 503, "the service is shutting down", retryable=True))

@@ -168,6 +168,13 @@ SPARE = 1.5
 """So many times the stars wanted are asked for: the model of the Galaxy knows of no dark clouds."""
 DEEPER_MAG = 1.0
 """Where there are too few all the same, the catalog is read so much deeper."""
+READ_WHOLE = 2.0
+"""A cone that holds at most so many times the stars wanted is read whole at once: beyond `DEEPEST_MAG` the
+embedded catalog has so few that nothing is saved by reading three times, each time deeper. Doubled, twice the
+stars of a deep catalog's cone are read in vain."""
+
+_ROUNDING_MAG = 1e-9
+"""So much is allowed for where a magnitude is compared with a limit: far less than a catalog's step."""
 
 FAINTEST_READ_MAG = 22.0
 """No catalog that doesn't tell is deeper."""
@@ -232,6 +239,19 @@ def stars_deep_enough(
         So few are enough.
     """
     faintest = _faintest(catalog)
+    if (
+        limit is not None
+        and limit >= DEEPEST_MAG
+        and isinstance(catalog, PackedStore)
+        and catalog.most_in(center, radius_deg) <= READ_WHOLE * count
+    ):
+        every = catalog.cone(center, radius_deg, epoch_yr=epoch_yr)
+        while limit < faintest:
+            some = every.only(every.mag <= limit + _ROUNDING_MAG)
+            if len(some) >= count:
+                return some
+            limit += DEEPER_MAG
+        return every
     while True:
         stars = catalog.cone(center, radius_deg, epoch_yr=epoch_yr, mag_limit=limit)
         # what one rule for the whole sky gave was meant for its poor regions already

@@ -13,8 +13,8 @@ from mountnav.identification.search import Reach, identify
 from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.verification import KEPT_SHARE, Identified, is_sound, reach_of, stars_of_frame
-from mountnav.measuring.background import Image
 from mountnav.measuring.fast import measure_fast
+from mountnav.measuring.fast.coarse import Summed
 from mountnav.measuring.measurements import Measurements
 from mountnav.measuring.settings import MeasuringSettings
 
@@ -35,8 +35,8 @@ class FastResult:
         Hypotheses tried; a later search for the same frame has to count them.
     measure_s : float
         Wall time of looking and measuring.
-    summed : (ndarray, int) or None
-        The frame of whole numbers summed in bins, and their side in pixels.
+    summed : Summed or None
+        The frame of whole numbers in bins.
     """
 
     identified: Identified | None = None
@@ -44,7 +44,7 @@ class FastResult:
     seen: int = 0
     tried: int = 0
     measure_s: float = 0.0
-    summed: tuple[Image, int] | None = None
+    summed: Summed | None = None
 
 
 def identify_fast(
@@ -111,5 +111,4 @@ def identify_fast(
     numbers = found.numbers | {"pairs": float(len(reference.pairs)), "seen": float(seen)}
     detail = f"{len(reference.pairs)} pairs, {reference.rejected} rejected, {tried} hypotheses, at a glance"
     identified = replace(found, reference=reference, stars=stars, numbers=numbers, detail=detail)
-    summed = None if look.plane is None else (look.plane, look.scene.bin_px)
-    return FastResult(identified, precise, seen, tried, measure_s, summed)
+    return FastResult(identified, precise, seen, tried, measure_s, look.summed)

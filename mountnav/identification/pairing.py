@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from mountnav.catalog.stars import Stars
 from mountnav.identification.plate import Plate
-from mountnav.identification.selection import rank_in_cell
+from mountnav.identification.selection import SHARP_SHARE, rank_in_cell
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.medians import median
@@ -145,6 +145,45 @@ def predicted(
     projected : two ndarrays, shape (len(stars),), optional
         What `plate.project` makes of the stars, if that is known.
     """
+    asked = (width_px, height_px, margin_px)
+    last = _last
+    if last is not None and last.plate is plate and last.stars is stars and last.asked == asked:
+        return last.places
+    places = _predicted(plate, stars, width_px, height_px, margin_px, projected)
+    _remember(_Last(plate, stars, asked, places))
+    return places
+
+
+@dataclass(frozen=True, slots=True)
+class _Last:
+    """What was predicted last, and of what."""
+
+    plate: Plate
+    stars: Stars
+    asked: tuple[int, int, float]
+    places: Predicted
+
+
+_last: _Last | None = None
+"""Who looks at a frame's light asks for the same plate and the same stars four times in turn."""
+
+
+def _remember(made: _Last) -> None:
+    """Keep it; whoever has it can't change it."""
+    global _last
+    for values in (made.places.star, made.places.x_px, made.places.y_px):
+        values.flags.writeable = False
+    _last = made
+
+
+def _predicted(
+    plate: Plate,
+    stars: Stars,
+    width_px: int,
+    height_px: int,
+    margin_px: float,
+    projected: tuple[Array, Array] | None,
+) -> Predicted:
     xi, eta = projected if projected is not None else plate.project(stars.ra_deg, stars.dec_deg)
     reach = REACH * plate.unit_px * plate.scale_arcsec_px()
     # NaN, a star behind, is never near
@@ -207,13 +246,13 @@ def spread_over_fragments(
     ndarray of bool, shape (n,)
         True: the pair is taken.
     """
-    column = np.clip(((x_px + 0.5) / width_px * fragments).astype(np.int64), 0, fragments - 1)
-    row = np.clip(((y_px + 0.5) / height_px * fragments).astype(np.int64), 0, fragments - 1)
+    column = np.minimum(np.maximum(((x_px + 0.5) / width_px * fragments).astype(np.int64), 0), fragments - 1)
+    row = np.minimum(np.maximum(((y_px + 0.5) / height_px * fragments).astype(np.int64), 0), fragments - 1)
     cell = row * fragments + column
     order = np.argsort(mag, kind="stable")
     rank = np.empty(x_px.size, dtype=np.int64)
     rank[order] = rank_in_cell(cell[order])
-    fair = x_px.size / max(1, np.unique(cell).size)
+    fair = x_px.size / max(1, int(np.count_nonzero(np.bincount(cell))))
     most = max(LEAST_PER_FRAGMENT, math.ceil(cap * fair))
     taken: Mask = rank < most
     return taken
@@ -324,9 +363,6 @@ UNKNOWN_CENTROID_PX = 0.5
 UNKNOWN_CATALOG_ARCSEC = 1.0
 """Error per coordinate of a catalog star that states none: that of old photographic catalogs. Chosen by
 hand."""
-SHARP_SHARE = 0.3
-"""When more of the candidates than this have no peak, the stars are that sharp, and the flag says nothing.
-Chosen by hand."""
 SATURATED_FWHM = 0.02
 """Error of a saturated star's position, in widths, beyond that of the fit to its wings. Chosen by hand."""
 FEWEST_MEASUREMENTS = 60

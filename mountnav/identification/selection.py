@@ -17,6 +17,9 @@ Index = NDArray[np.int64]
 
 NO_STAR = int(Flag.NO_PEAK | Flag.TRAIL | Flag.BLEED)
 """Flags of sources that are no star images [S23 §3]."""
+SHARP_SHARE = 0.3
+"""When more of the candidates than this have no peak, the stars are that sharp, or what isn't sky is so quiet
+that the sky passes for restless, and the flag says nothing. Chosen by hand."""
 
 
 def star_like(measurements: Measurements) -> Index:
@@ -28,6 +31,26 @@ def star_like(measurements: Measurements) -> Index:
         Indices of finite measurements without NO_PEAK, TRAIL and BLEED.
     """
     return np.flatnonzero(_finite(measurements) & ((measurements.flags & NO_STAR) == 0))
+
+
+def star_like_beside(measurements: Measurements, some: Index) -> Index:
+    """Measurements that can be stars as well as some that surely are, brightest first.
+
+    Parameters
+    ----------
+    some : ndarray of int
+        Indices of measurements that are identified.
+
+    Returns
+    -------
+    ndarray of int, shape (k,)
+        As `star_like`; where more than `SHARP_SHARE` of the identified ones have NO_PEAK, that flag says
+        nothing of the others.
+    """
+    flags = measurements.flags
+    if some.size and np.mean((flags[some] & int(Flag.NO_PEAK)) != 0) > SHARP_SHARE:
+        return np.flatnonzero(_finite(measurements) & ((flags & int(Flag.TRAIL | Flag.BLEED)) == 0))
+    return star_like(measurements)
 
 
 def all_finite(measurements: Measurements) -> Index:

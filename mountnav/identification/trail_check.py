@@ -31,6 +31,7 @@ from mountnav.identification.selection import star_like
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.verification import KEPT_SHARE, Identified, is_sound, reach_of
 from mountnav.measuring.background import Image
+from mountnav.measuring.fast.coarse import Summed
 from mountnav.measuring.measurements import Flag, Measurements
 from mountnav.measuring.medians import median
 from mountnav.measuring.segmentation import LightSegments, segment_light
@@ -154,7 +155,7 @@ def check_trails(
     settings: IdentificationSettings,
     *,
     sky: StarsInCone | None = None,
-    summed: tuple[Image, int] | None = None,
+    summed: Summed | None = None,
 ) -> TrailCheck:
     """Look where the light of the identified stars fell, and put the plate where its middle is.
 
@@ -170,8 +171,8 @@ def check_trails(
     sky : callable, optional
         Gives the stars of a cone to a magnitude, at the frame's epoch, of the catalog that the frame was
         identified with: where few were identified, those beyond the frame's edges are used as well.
-    summed : (ndarray, int), optional
-        The frame of whole numbers summed in bins, if it is at hand, and their side in pixels.
+    summed : Summed, optional
+        The frame of whole numbers in bins, if it is at hand.
     """
     reference, stars = found.reference, found.stars
     assert reference is not None

@@ -20,6 +20,7 @@ from mountnav.catalog.stars import Catalog, Stars
 from mountnav.identification.anchors import AnchorSources, anchored_odds
 from mountnav.identification.full import Hypothesis, Search, match_radius
 from mountnav.identification.odds import Confirmation, trials_factor
+from mountnav.identification.pairing import Pairs
 from mountnav.identification.plate import Plate
 from mountnav.identification.reference import Reference, Selection
 from mountnav.identification.selection import Index, spread_brightest
@@ -289,6 +290,12 @@ def reach_of(reference: Reference) -> float:
     return float(np.clip(1.5 + 4.0 * off_px, LEAST_REACH_PX, MOST_REACH_PX))
 
 
+def spread_px(measurements: Measurements, pairs: Pairs) -> float:
+    """How far pairs scatter in the direction in which they scatter least, one sigma, pixels."""
+    x, y = measurements.x_px[pairs.measurement], measurements.y_px[pairs.measurement]
+    return math.sqrt(max(float(np.linalg.eigvalsh(np.cov(np.vstack((x, y))))[0]), 0.0))
+
+
 def is_sound(
     reference: Reference,
     selection: Selection,
@@ -311,10 +318,7 @@ def is_sound(
     pairs, plate = reference.pairs, reference.plate
     if len(pairs) < settings.min_pairs or plate.parity != believed.parity:
         return False
-    x, y = measurements.x_px[pairs.measurement], measurements.y_px[pairs.measurement]
-    frame = min(measurements.width_px, measurements.height_px)
-    spread = np.sqrt(np.linalg.eigvalsh(np.cov(np.vstack((x, y)))))
-    if spread[0] < 0.05 * frame:
+    if spread_px(measurements, pairs) < 0.05 * min(measurements.width_px, measurements.height_px):
         return False
     singular = np.linalg.svd(plate.matrix(), compute_uv=False)
     if singular[1] < (1 - 2 * settings.skew_max) * singular[0]:

@@ -66,10 +66,13 @@ class LightSegments:
         height, width = self.labels.shape
         column = np.rint((x_px - 0.5 * (self.bin_px - 1)) / self.bin_px).astype(np.int64)
         row = np.rint((y_px - 0.5 * (self.bin_px - 1)) / self.bin_px).astype(np.int64)
-        found = np.zeros(x_px.size, dtype=np.int64)
-        for down, right in ((0, 0), (0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
-            there = self.labels[np.clip(row + down, 0, height - 1), np.clip(column + right, 0, width - 1)]
-            found = np.where(found == 0, there, found)
+        columns = [np.minimum(np.maximum(column + right, 0), width - 1) for right in (0, 1, -1)]
+        rows = [np.minimum(np.maximum(row + down, 0), height - 1) * width for down in (0, 1, -1)]
+        labels = self.labels.reshape(-1)
+        found = labels[rows[0] + columns[0]].astype(np.int64)
+        for down, right in ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
+            left = np.flatnonzero(found == 0)
+            found[left] = labels[rows[down][left] + columns[right][left]]
         return np.asarray(found - 1)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from mountnav.measuring.background import Image
-from mountnav.measuring.fast.coarse import CoarseSky, coarse_plane, coarse_sky, in_wider_bins
+from mountnav.measuring.fast.coarse import CoarseSky, Summed, coarse_plane, coarse_sky, in_wider_bins
 from mountnav.measuring.medians import median
 
 Array = NDArray[np.float64]
@@ -398,18 +398,22 @@ def _cutouts(pixels: NDArray[np.generic], x: Array, y: Array, half: int) -> Arra
 # -- the far search: is there light of the stars elsewhere? --------------------------------------------------
 
 
-def in_bins(pixels: NDArray[np.generic], summed: tuple[Image, int] | None = None) -> tuple[Image, Image]:
+def in_bins(pixels: NDArray[np.generic], summed: Summed | None = None) -> tuple[Image, Image]:
     """The frame in coarse bins, in sigmas of its sky; and which bins are known.
 
     Parameters
     ----------
     pixels : ndarray, shape (height, width)
         The frame, ADU.
-    summed : (ndarray, int), optional
-        A frame of whole numbers in smaller or equal bins, if it is at hand, and their side in pixels.
+    summed : Summed, optional
+        A frame of whole numbers in smaller or equal bins, if it is at hand.
     """
-    plane = coarse_plane(pixels, FAR_BIN_PX) if summed is None else in_wider_bins(*summed, FAR_BIN_PX)
-    return in_sigmas(plane, FAR_BIN_PX, whole=pixels.dtype.kind in "ui")
+    whole = pixels.dtype.kind in "ui"
+    if summed is None:
+        return in_sigmas(coarse_plane(pixels, FAR_BIN_PX), FAR_BIN_PX, whole=whole)
+    sky = summed.sky if summed.bin_px == FAR_BIN_PX else None
+    plane = in_wider_bins(summed.plane, summed.bin_px, FAR_BIN_PX)
+    return in_sigmas(plane, FAR_BIN_PX, whole=whole, sky=sky)
 
 
 def tamed(pixels: NDArray[np.generic], bins: tuple[Image, Image] | None = None) -> tuple[Image, Image]:
@@ -628,14 +632,19 @@ def _ray_sigmas(sums: Array, weights: Array) -> Array:
     return np.asarray(scaled / max(1.4826 * median(np.abs(scaled)), _RAY_LEAST_NOISE))
 
 
-def in_sigmas(plane: Image, bin_px: int, *, whole: bool) -> tuple[Image, Image]:
-    """A coarse plane without its sky, in units of its noise; and 1 where there is a value, else 0."""
+def in_sigmas(plane: Image, bin_px: int, *, whole: bool, sky: CoarseSky | None = None) -> tuple[Image, Image]:
+    """A coarse plane without its sky, in units of its noise; and 1 where there is a value, else 0.
+
+    `sky` is what `coarse_sky` says of the plane, if it is known.
+    """
     cover = np.ones(plane.shape, dtype=np.float32)
     missing = ~np.isfinite(plane)
     if missing.any():
         plane[missing] = median(plane[~missing]) if not missing.all() else 0.0
         cover[missing] = 0.0
-    level, noise = _spread(coarse_sky(plane, bin_px, whole_numbers=whole), plane.shape)
+    if sky is None or missing.any():
+        sky = coarse_sky(plane, bin_px, whole_numbers=whole)
+    level, noise = _spread(sky, plane.shape)
     np.subtract(plane, level, out=level)
     level /= noise
     if missing.any():

@@ -26,6 +26,7 @@ from mountnav.identification.selection import star_like
 from mountnav.identification.trail_check import StarsInCone, TrailCheck, check_trails
 from mountnav.identification.verification import Identified
 from mountnav.identification.wcs import wcs_cards
+from mountnav.measuring.fast.coarse import Summed
 from mountnav.measuring.measurements import Flag, Measurements, SkyQuality, with_plate
 from mountnav.reading import ListFormat, demosaiced, read_source
 from mountnav.sky.coordinates import Icrs
@@ -530,7 +531,7 @@ def _check(
     job: _Job,
     found: Identified,
     measurements: Measurements,
-    summed: tuple[NDArray[np.float32], int] | None = None,
+    summed: Summed | None = None,
 ) -> _Checked:
     """Take the stars of the best catalog, and hold the solution against the light of these stars.
 

@@ -18,10 +18,10 @@ from mountnav.identification.middle import MIDDLE_SHARES, middle_of
 from mountnav.identification.pairing import Pairs
 from mountnav.identification.plate import Plate
 from mountnav.identification.search import Reach, identify
-from mountnav.identification.selection import star_like
+from mountnav.identification.selection import star_like_beside
 from mountnav.identification.settings import IdentificationSettings
 from mountnav.identification.trail_check import StarsInCone, check_trails
-from mountnav.identification.verification import Identified
+from mountnav.identification.verification import Identified, spread_px
 from mountnav.measuring.measurements import Measurements
 from mountnav.sky.wcs import is_zpn, places_at_pixels
 from mountnav.solution import ErrorBudget, IdentifiedPairs, Reason, Solution
@@ -40,6 +40,11 @@ stars, and a hopeless frame costs no more time."""
 FOUND_SHARE = 0.4
 """Of the stars that the lens puts in its reach at least so many must have been found. Chosen by hand: drawn
 frames have 0.7 to 0.95."""
+LEAST_SPREAD = 0.1
+"""The pairs of a lens scatter at least so far in each direction, one sigma, in the frame's shorter side:
+those of a whole middle of 0.4 do by themselves, those of a smaller one must have been found farther out. Of
+stars in a narrow strip nothing follows for the rest of the frame. Halved, a strip a sixth of the side wide is
+enough; doubled, frames that show sky about their middle alone are refused."""
 BENT_SHARE = 0.01
 """A plate whose bending moves the corners by more than this share of their distance from the center may be a
 lens that no cubic stands for."""
@@ -259,13 +264,15 @@ def _lens(
         stars,
         pairs,
         measurements,
-        star_like(measurements),
+        star_like_beside(measurements, pairs.measurement),
         lambda center, radius_deg, count: stars_round(catalog, center, radius_deg, count, epoch_yr=epoch_yr),
     )
     if (
         fit is None
         or fit.found_share < FOUND_SHARE
         or len(fit.pairs) < FOUND_SHARE * min(len(pairs), MOST_STARS)
+        or spread_px(measurements, fit.pairs)
+        < LEAST_SPREAD * min(measurements.width_px, measurements.height_px)
     ):
         return None
     return fit

@@ -144,6 +144,8 @@ def test_a_fake_mount_is_served_without_astropy(tmp_path: Path) -> None:
         ("api.http.app", ("scipy", "astropy", "astropy_healpix", "matplotlib", "pyarrow")),
         ("mountnav.identification.blind.index", DEAR),
         ("mountnav.identification.blind.cache", DEAR),
+        ("api.batch.pool", ("pydantic", *(name for name in DEAR if name != "asyncio"))),
+        ("api.solver_daemon.daemon", ("pydantic", *(name for name in DEAR if name != "asyncio"))),
     ],
 )
 def test_modules_bring_little_with_them(module: str, dear: tuple[str, ...]) -> None:
@@ -154,6 +156,22 @@ def test_modules_bring_little_with_them(module: str, dear: tuple[str, ...]) -> N
         check=True,
     )
     assert _among(dear, set(json.loads(done.stdout))) == []
+
+
+@pytest.mark.long
+def test_an_index_that_is_there_is_opened_without_rich(sky_index: object) -> None:
+    lines = (
+        "import json, sys",
+        "from api.cli.catalog_import import built_with_progress",
+        "from mountnav.catalog.embedded import embedded_catalog",
+        "assert built_with_progress(embedded_catalog()).path",
+        "print(json.dumps(sorted(sys.modules)))",
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=True
+    )
+    assert _among(("rich", "pydantic", "asyncio"), set(json.loads(done.stdout))) == []
+    assert done.stderr == ""
 
 
 def test_the_public_names_of_the_sky_are_all_there() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from mountnav.measuring.fast.coarse import coarse_plane, in_wider_bins
+from mountnav.measuring.fast.coarse import Summed, coarse_plane, coarse_sky, in_wider_bins
 from mountnav.measuring.psf_fitting import _medians, _part_sizes
 from mountnav.measuring.segmentation import _widened
 from mountnav.measuring.star_trail import (
@@ -26,8 +26,10 @@ def test_smaller_bins_give_the_same_plane(dtype, shape):
     for bin_px in (1, 2, 4):
         plane = coarse_plane(pixels, bin_px)
         assert np.array_equal(in_wider_bins(plane, bin_px, 4), coarse_plane(pixels, 4))
-        own, given = in_bins(pixels), in_bins(pixels, (plane.copy(), bin_px))
-        assert all(np.array_equal(one, other) for one, other in zip(own, given, strict=True))
+        sky = coarse_sky(plane, bin_px, whole_numbers=True)
+        for summed in (Summed(plane.copy(), bin_px), Summed(plane.copy(), bin_px, sky)):
+            own, given = in_bins(pixels), in_bins(pixels, summed)
+            assert all(np.array_equal(one, other) for one, other in zip(own, given, strict=True))
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -233,6 +233,25 @@ class PackedStore:
             color_name=self.color_name,
         )
 
+    def most_in(self, center: Icrs, radius_deg: float) -> int:
+        """How many stars a cone holds at most: those of all pixels that it touches. No star is read for it.
+
+        Parameters
+        ----------
+        center : Icrs
+        radius_deg : float
+            0 to 180.
+
+        Raises
+        ------
+        BadRequest
+            A value is not finite or out of range.
+        """
+        _require_sensible(center, radius_deg, self.header.epoch_yr, None)
+        axis = unit_vectors(center.ra_deg, center.dec_deg)
+        stars = self._file.stars_of(self._pixels.near(axis, np.radians(radius_deg)))
+        return int((stars.end - stars.first).sum())
+
     def sky_share(self) -> float:
         """Share of the sky that the file covers, 0 to 1: of pixels that are large enough to hold stars."""
         return self._coverage.share()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,6 +172,24 @@ class CoarseSky:
     def restless(self, column: Array, row: Array) -> NDArray[np.bool_]:
         """Which positions, shape (n,), are far noisier than the frame's quiet parts: trees, roofs."""
         return np.asarray(self.at(self.noise, column, row) > RESTLESS * np.percentile(self.noise, 25.0))
+
+
+class Summed(NamedTuple):
+    """A frame summed in bins, by whoever needed that first.
+
+    Attributes
+    ----------
+    plane : ndarray of float32, shape (rows, columns)
+        Of whole numbers.
+    bin_px : int
+        Side of a bin.
+    sky : CoarseSky or None
+        What `coarse_sky` says of the plane.
+    """
+
+    plane: Image
+    bin_px: int
+    sky: CoarseSky | None = None
 
 
 def coarse_sky(plane: Image, bin_px: int, *, whole_numbers: bool) -> CoarseSky:

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from mountnav.frames import Frame
-from mountnav.measuring.background import Image
 from mountnav.measuring.detection import first_of_twins
 from mountnav.measuring.fast.candidates import Candidates, locate, saturated_patches, width_px
-from mountnav.measuring.fast.coarse import coarse_peaks
+from mountnav.measuring.fast.coarse import Summed, coarse_peaks
 from mountnav.measuring.fast.forced import forced_measurements, quality_of
 from mountnav.measuring.fast.moments import (
     Moments,
@@ -48,15 +47,15 @@ class FastMeasurement:
         Brightest first, rough positions; ``quality`` is None.
     scene : Scene
         The frame, and what was found out about it.
-    plane : ndarray of float32 or None
-        The frame summed in bins of ``scene.bin_px``, where that is more than a pixel and its pixels are whole
-        numbers of at most 16 bits.
+    summed : Summed or None
+        The frame in bins, where these are more than a pixel and its pixels are whole numbers of at most 16
+        bits.
     """
 
     measurements: Measurements
     scene: Scene
     settings: MeasuringSettings
-    plane: Image | None = field(default=None, repr=False)
+    summed: Summed | None = field(default=None, repr=False)
     _learned: tuple[SampledPsf, SkyQuality] | None = field(default=None, repr=False)
 
     def measured_at(self, x_px: Array, y_px: Array, *, reach_px: float) -> Measurements:
@@ -173,9 +172,9 @@ def _measure_fast(frame: Frame, settings: MeasuringSettings, most: int) -> FastM
     surveyed = survey_frame(frame, settings)
     if surveyed is None:
         return None
-    scene, plane = surveyed
+    scene, summed = surveyed
     peaks = coarse_peaks(
-        plane, scene.sky, scene.bin_px, settings.threshold_sigma, _CANDIDATES_PER_SOURCE * most
+        summed.plane, scene.sky, scene.bin_px, settings.threshold_sigma, _CANDIDATES_PER_SOURCE * most
     )
     if peaks.flux.size < _FEWEST:
         return None
@@ -195,7 +194,7 @@ def _measure_fast(frame: Frame, settings: MeasuringSettings, most: int) -> FastM
     # sums of 16 bits are exact in single precision, whatever the order
     whole = frame.pixels.dtype.kind in "ui" and frame.pixels.dtype.itemsize <= 2
     if measured is not None and scene.bin_px > 1 and whole:
-        measured.plane = plane
+        measured.summed = summed
     return measured
 
 

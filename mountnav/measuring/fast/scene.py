@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mountnav.frames import Frame
-from mountnav.measuring.background import Image
 from mountnav.measuring.fast.coarse import (
     SMOOTHED_NOISE,
     CoarseSky,
+    Summed,
     coarse_plane,
     coarse_sky,
     pixel_noise,
@@ -91,13 +91,13 @@ class Scene:
         return (x_px - middle) / self.bin_px, (y_px - middle) / self.bin_px
 
 
-def survey_frame(frame: Frame, settings: MeasuringSettings) -> tuple[Scene, Image] | None:
+def survey_frame(frame: Frame, settings: MeasuringSettings) -> tuple[Scene, Summed] | None:
     """Sum a frame up; neither its saturation nor its stars' width is known yet.
 
     Returns
     -------
-    (Scene, ndarray) or None
-        With the coarse plane; None if the frame isn't one for the fast measurement.
+    (Scene, Summed) or None
+        With the coarse plane and its own sky; None if the frame isn't one for the fast measurement.
     """
     pixels = frame.pixels
     if frame.mosaic or pixels.ndim != 2 or min(pixels.shape) < _SMALLEST_SIDE_PX:
@@ -120,6 +120,7 @@ def survey_frame(frame: Frame, settings: MeasuringSettings) -> tuple[Scene, Imag
         smooth_lightly(plane)
         share = SMOOTHED_NOISE
     sky = coarse_sky(plane, bin_px, whole_numbers=pixels.dtype.kind in "ui")
+    summed = Summed(plane, bin_px, sky)
     noise = pixel_noise(pixels)
     if not (noise > 0.0 and np.isfinite(noise) and np.isfinite(sky.level).all()):
         return None
@@ -128,4 +129,4 @@ def survey_frame(frame: Frame, settings: MeasuringSettings) -> tuple[Scene, Imag
     ratio = float(np.clip(median(sky.noise) / (share * noise), 1.0, _MOST_RATIO))
     level = median(sky.level) / bin_px**2
     gain = known_gain(frame, settings.gain_e_adu, level, noise)
-    return Scene(frame, bin_px, sky, level, noise, np.inf, gain, np.nan, ratio), plane
+    return Scene(frame, bin_px, sky, level, noise, np.inf, gain, np.nan, ratio), summed
