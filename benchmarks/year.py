@@ -59,6 +59,8 @@ SPEED = 60.0
 TELESCOPES = ("east", "west")
 LOOKS_KEPT_DAYS, KEPT_DAYS, AUDIT_KEPT_DAYS = 8.0, 14.0, 20.0
 """Short, so that what is removed is removed within the nights that are run."""
+EVENTS_KEPT, JOBS_KEPT = 300, 100
+"""The same for what a service remembers: by default 1000 of each, full after 125 such nights."""
 BACKUPS_KEPT = 3
 _ORDERS = ("slew", "sync", "park", "home")
 """Orders that are written before they are sent, and noted by the mount before they are carried out."""
@@ -96,6 +98,8 @@ seed = {seed}
 port = 0
 keys_file = "{folder}/keys.json"
 log_level = "warning"
+events_kept = {events_kept}
+jobs_kept = {jobs_kept}
 [journal]
 url = "{folder}/journal.sqlite"
 keep_days = {kept}
@@ -264,6 +268,8 @@ class Service:
             seed=self.seed,
             folder=self.folder,
             kept=KEPT_DAYS,
+            events_kept=EVENTS_KEPT,
+            jobs_kept=JOBS_KEPT,
             looks_kept=LOOKS_KEPT_DAYS,
             audit_kept=AUDIT_KEPT_DAYS,
             catalogs=self.catalogs,
