@@ -194,6 +194,8 @@ class Night:
     catalog: str = "embedded"
     """The one that is exchanged for it ends at 10.5 mag: some fields show too few of its stars."""
     life: int = 0
+    stepped_s: float = 0.0
+    """By so much the service's clock was put on, and back again."""
 
 
 class Died(Exception):
@@ -359,6 +361,8 @@ class Service:
         size = {path: path.stat().st_size for path in files if path.exists()}
         return {
             "rss_mb": int(read["VmRSS"]) / 1000.0,
+            # without pages of files, such as those of a catalog, which the system takes back
+            "own_mb": int(read["RssAnon"]) / 1000.0,
             "children": len(of_it),
             "children_mb": sum(_rss_mb(one) for one in of_it),
             "threads": int(read["Threads"]),
@@ -659,6 +663,7 @@ class Year:
                 by_s = chance.choice((-1.0, 1.0)) * (
                     3600.0 if event == "clock-hour" else chance.uniform(30.0, 400.0)
                 )
+                night.stepped_s = by_s
                 service.order(do="step", by_s=by_s)
                 night.events.append(f"{by_s:.0f} s")
                 time.sleep(chance.uniform(2.0, 5.0))
@@ -757,11 +762,14 @@ class Year:
         for name in TELESCOPES:
             report = report_of(reader, name, since, until)
             night.faults += [f"report of {name}: {wrong}" for wrong in compared(report, night, name)]
-            night.faults += list(self._unwritten(reader, name, since, until))
+            night.faults += list(self._unwritten(night, reader, name, since, until))
         self._audit(night)
 
-    def _unwritten(self, reader: JournalReader, name: str, since: datetime, until: datetime) -> Iterator[str]:
+    def _unwritten(
+        self, night: Night, reader: JournalReader, name: str, since: datetime, until: datetime
+    ) -> Iterator[str]:
         """Orders that reached a mount without a row of their own, written before they came."""
+        stepped = timedelta(seconds=abs(night.stepped_s))
         rows = [
             (command.order, command.utc)
             for command, _ in reader.commands(Wanted(telescope=name, since=since, until=until))
@@ -771,7 +779,12 @@ class Year:
             came = datetime.fromisoformat(read["utc"])
             if read["telescope"] != name or read["order"] not in _ORDERS or not since <= came < until:
                 continue
-            own = [row for row in rows if row[0] == read["order"] and came - _ON_ITS_WAY < row[1] <= came]
+            # its clock may have been put on or back between the row and the mount
+            own = [
+                row
+                for row in rows
+                if row[0] == read["order"] and came - _ON_ITS_WAY - stepped < row[1] <= came + stepped
+            ]
             if own:
                 rows.remove(max(own, key=lambda row: row[1]))
             else:
@@ -890,7 +903,9 @@ def grown(nights: Sequence[Night]) -> Iterator[str]:
         if len(life) < 4:
             continue
         first, last = life[1], life[-1]
-        for what, most in (("rss_mb", 25.0), ("children_mb", 60.0), ("threads", 3), ("descriptors", 4)):
+        for what, most in (("own_mb", 25.0), ("children_mb", 60.0), ("threads", 3), ("descriptors", 4)):
+            if what not in first.figures:
+                continue  # of an older program
             more = last.figures[what] - first.figures[what]
             if more > most:
                 yield (
