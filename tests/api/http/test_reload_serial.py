@@ -291,7 +291,7 @@ async def test_a_client_of_many_devices_stays_while_one_of_them_is_changed_taken
         # changed: it goes as a whole, and comes again; a sync that was chosen for the old one is gone
         assert (await one.reload(text_of(east=east, west=(urls["west"], 2.0)))).status_code == 200
         await heard(b'<delProperty device="west" timestamp')
-        again = await heard(b"EQUATORIAL_EOD_COORD")
+        again = await heard(b'device="west" name="EQUATORIAL_EOD_COORD"')
         assert b'device="west" name="CONNECTION"' in again
         assert b'name="TRACK" label="Track">On' in again, again.decode()
         # taken out, and another one comes on its line
