@@ -193,7 +193,7 @@ def settings(base_url: str, token: str | None, timeout_s: float) -> dict[str, An
 
 
 _SHOWN = 60
-"""Characters that are shown of an answer which isn't the service's. Doubled, a terminal's line is too short."""
+"""Characters that are shown of an answer of somebody else. Doubled, a line fills two of a terminal."""
 
 
 def problem_of(response: httpx.Response) -> Json:

@@ -10,6 +10,7 @@ import pty
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -148,6 +149,31 @@ def test_check_tells_each_thing_that_is_wrong_with_its_fix(tmp_path: Path) -> No
     assert _findings(tmp_path)["main: model"]["state"] == "wrong"
     (tmp_path / "observatory.toml").write_text(text + '\n[catalogs]\nuse = ["gaia-dr9"]\n')
     assert _findings(tmp_path)["catalogs"]["state"] == "wrong"
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (Path.mkdir, "it is a folder, not a file"),
+        (lambda path: path.write_text("a long text that is no database"), "is not a journal"),
+        (lambda path: path.symlink_to("/dev/null"), "it is a device, not a file"),
+    ],
+    ids=["folder", "text", "device"],
+)
+def test_check_tells_what_is_no_journal(make: Callable[[Path], object], words: str, tmp_path: Path) -> None:
+    assert _run("init", *SITE, "--mount", "fake", folder=tmp_path).returncode == 0
+    assert _findings(tmp_path)["journal"]["state"] == "right"
+    make(tmp_path / "journal.sqlite")
+    found = _findings(tmp_path)["journal"]
+    assert found["state"] == "wrong"
+    assert words in found["what"]
+    assert found["fix"]
+
+
+def test_an_empty_file_may_become_a_journal(tmp_path: Path) -> None:
+    assert _run("init", *SITE, "--mount", "fake", folder=tmp_path).returncode == 0
+    (tmp_path / "journal.sqlite").touch()
+    assert _findings(tmp_path)["journal"]["state"] == "right"
 
 
 def test_check_tells_a_port_that_is_taken(tmp_path: Path) -> None:
