@@ -70,6 +70,8 @@ _TRIES = 25
 """So often a target is tried, a second apart, before the night counts as lost: longer than events last."""
 TRUE_ARCSEC = 15.0
 """A stated error agrees with the truth to so much: what a mount moves within an exposure after a slew."""
+_NOT_ALLOWED = "slew refused: the slew isn't allowed"
+"""What a report says of a way that the limits forbid."""
 OLD = Path(__file__).parents[1] / "tests" / "journal" / "version_1.sql"
 """A journal as the first version wrote it."""
 PROTOCOLS = {"east": "fake+lx200://?dialect=onstep", "west": "fake+ioptron://"}
@@ -849,7 +851,9 @@ def compared(report: MorningReport, night: Night, name: str) -> Iterator[str]:
         if failed := [one for one in jobs if one.state != "succeeded"]:
             yield f"in a quiet night a target was not centered: {failed[0].state} {failed[0].problem}"
         for trouble in report.troubles:
-            yield f"a trouble in a quiet night: {trouble.what}"
+            # some targets have a way round the pier that passes too low: refused, and the other side is taken
+            if _NOT_ALLOWED not in trouble.what:
+                yield f"a trouble in a quiet night: {trouble.what}"
         if report.lost_s > 0.0:
             yield f"{report.lost_s:.0f} s lost in a quiet night"
         if sum(report.unsolved.values()) > 2:
