@@ -6,6 +6,7 @@ import gc
 import io
 import os
 import sys
+from contextlib import suppress
 
 from mountnav.errors import BadRequest, BadSettings, JournalDamaged, MountnavError
 
@@ -47,14 +48,23 @@ def main() -> None:
         sys.exit(130)
     except BrokenPipeError:
         # the reader of our output has gone; Python would complain once more when it closes it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _write_no_more()
         sys.exit(1)
     except OSError as error:
-        print(f"mountnav: {error.strerror or error}", file=sys.stderr)
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # without its file's name nobody knows what to mend
+        about = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
+        print(f"mountnav: {about}{error.strerror or error}", file=sys.stderr)
+        _write_no_more()
         sys.exit(1)
     finally:
         gc.enable()
+
+
+def _write_no_more() -> None:
+    """What is still to be written to a standard output that takes nothing goes nowhere."""
+    # it may have been closed before we began, or be no file
+    with suppress(AttributeError, OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == "__main__":

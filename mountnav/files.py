@@ -182,9 +182,11 @@ def replace_bytes(path: Path, content: bytes | bytearray | memoryview) -> None:
             os.fchmod(number, stat.S_IMODE(found.st_mode) if found else _NEW_MODE & ~_umask())
             os.fsync(number)
         Path(name).replace(target)
-    except BaseException:
+    except BaseException as fault:
         with suppress(OSError):
             os.unlink(name)
+        if isinstance(fault, OSError):  # a full disk names no file, others the one that nobody knows
+            raise OSError(fault.errno, fault.strerror, str(path)) from fault
         raise
 
 

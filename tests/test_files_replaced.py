@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -77,3 +78,20 @@ def test_files_and_nothing_may_be_replaced(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to("nowhere")
     for name in ("file", "link", "none"):
         require_replaceable(tmp_path / name)
+
+
+def test_a_disk_that_gets_full_leaves_the_old_one_and_is_told_with_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "report.html"
+    path.write_bytes(b"old")
+
+    def full(number: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("mountnav.files.os.fsync", full)
+    with pytest.raises(OSError, match="No space left on device") as told:
+        replace_bytes(path, b"new")
+    assert told.value.filename == str(path)
+    assert (told.value.errno, path.read_bytes()) == (errno.ENOSPC, b"old")
+    assert [one.name for one in tmp_path.iterdir()] == ["report.html"]

@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 
 from api.cli.options import takes_options
-from mountnav.errors import BadRequest, BadSettings
-from mountnav.sky.typed_coordinates import read_dec_deg
+from mountnav.errors import BadRequest, BadSettings, MountnavError
+
+Answer = TypeVar("Answer")
 
 FAKE = "fake+lx200://"
 """A mount that the service runs itself: everything can be tried by day."""
+_MOUNTINGS = ("german", "fork", "altaz")
+"""As the settings know them."""
+_HEIGHTS_M = (-500.0, 9000.0)
+"""Least and greatest height of a site, m, as the settings allow. Doubled, the file would be refused
+afterwards."""
+_MOST_SCALE_ARCSEC_PX = 600.0
+"""Greatest scale of a camera, arcsec per pixel, as the settings allow. Doubled, the file would be refused
+afterwards."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,6 +95,37 @@ class _Asker:
             return usual
         return str(typer.prompt(question, default=usual))
 
+    def read(
+        self,
+        given: str | float | None,
+        question: str,
+        flag: str,
+        reader: Callable[[str], Answer],
+        usual: str | None = None,
+        *,
+        offers: list[tuple[str, str]] | None = None,
+    ) -> Answer:
+        """What a flag says, or an answer; one that makes no sense is asked for again on a terminal.
+
+        Parameters
+        ----------
+        reader : callable
+            Makes the value of the words, or raises a `MountnavError`.
+        offers : list of (str, str), optional
+            As of `choose`.
+        """
+        if given is not None:
+            return reader(str(given))
+        while True:
+            try:
+                if offers is None:
+                    return reader(self.ask(question, flag, usual))
+                return reader(self.choose(question, flag, offers, usual or ""))
+            except MountnavError as wrong:
+                if not self.terminal:
+                    raise
+                typer.echo(f"  {wrong}", err=True)
+
     def choose(self, question: str, flag: str, offers: list[tuple[str, str]], usual: str) -> str:
         """One of some offers by its number, or anything that is typed.
 
@@ -105,25 +146,44 @@ class _Asker:
 
 def _answers(asked: InitOptions, asker: _Asker) -> dict[str, Any]:
     """What the file is to say."""
-    latitude = _angle(asked.latitude or asker.ask("Latitude, north positive", "--latitude"), 90.0, "latitude")
-    longitude = _angle(
-        asked.longitude or asker.ask("Longitude, EAST positive", "--longitude"), 360.0, "longitude"
+    latitude = asker.read(
+        asked.latitude, "Latitude, north positive", "--latitude", lambda text: _angle(text, 90.0, "latitude")
     )
-    height = asked.height if asked.height is not None else float(asker.ask("Height, m", "--height", "0"))
+    longitude = asker.read(
+        asked.longitude,
+        "Longitude, EAST positive",
+        "--longitude",
+        lambda text: _angle(text, 360.0, "longitude"),
+    )
+    height = asker.read(
+        asked.height, "Height, m", "--height", lambda text: _number(text, *_HEIGHTS_M, "height in m"), "0"
+    )
     mounts, cameras = _around(asker, asked)
     usual = mounts[0][0] if mounts else FAKE
-    mount = asked.mount or asker.choose("Mount", "--mount", [*mounts, (FAKE, "no hardware: a fake")], usual)
-    mount = FAKE if mount == "fake" else mount
+    mount = asker.read(
+        asked.mount,
+        "Mount",
+        "--mount",
+        _mount_url,
+        usual,
+        offers=[*mounts, (FAKE, "no hardware: a fake")],
+    )
     fake = mount.startswith("fake+")
-    mounting = asked.mounting or asker.ask("Mounting: german, fork or altaz", "--mounting", "german")
+    mounting = asker.read(
+        asked.mounting, "Mounting: german, fork or altaz", "--mounting", _mounting, "german"
+    )
     camera = asked.camera
     if camera is None:
         usual = "simulated" if fake else cameras[0][0] if cameras else "frames"
         offers = [*cameras, *([("simulated", "draws the sky")] if fake else [])]
         camera = asker.choose("Camera: a folder of frames, or", "--camera", offers, usual)
-    scale = asked.scale
-    if scale is None:
-        scale = float(asker.ask("Camera's scale, arcseconds per pixel (0: the frames tell)", "--scale", "0"))
+    scale = asker.read(
+        asked.scale,
+        "Camera's scale, arcseconds per pixel (0: the frames tell)",
+        "--scale",
+        lambda text: _number(text, 0.0, _MOST_SCALE_ARCSEC_PX, "scale in arcseconds per pixel"),
+        "0",
+    )
     return {
         "latitude": latitude,
         "longitude": longitude,
@@ -141,22 +201,52 @@ def _angle(text: str, most: float, what: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        value = read_dec_deg(text) if most <= 90.0 else _degrees(text)
+        value = _degrees(text, what)
     if not -most <= value <= most:
         raise BadRequest(f"a {what} of {value:g}°", advice=f"between {-most:g} and {most:g}")
     return value
 
 
-def _degrees(text: str) -> float:
-    """A longitude in degrees, minutes and seconds."""
+def _number(text: str, least: float, most: float, what: str) -> float:
+    """A plain number."""
+    try:
+        value = float(text)
+    except ValueError as wrong:
+        raise BadRequest(f"{text!r} is not a {what}", advice="a plain number, such as 600") from wrong
+    if not least <= value <= most:
+        raise BadRequest(f"a {what} of {value:g}", advice=f"between {least:g} and {most:g}")
+    return value
+
+
+def _mounting(text: str) -> str:
+    """How its axes turn."""
+    if text not in _MOUNTINGS:
+        raise BadRequest(f"{text!r} is no mounting", advice=f"one of {', '.join(_MOUNTINGS)}")
+    return text
+
+
+def _mount_url(text: str) -> str:
+    """A mount's URL, as far as it can be judged without opening anything."""
+    from drivers.registry import fake_protocols, read_url
+
+    url = FAKE if text == "fake" else text
+    if not url.startswith("fake+"):
+        read_url(url)
+    elif (protocol := url.removeprefix("fake+").partition(":")[0]) not in (known := fake_protocols()):
+        raise BadRequest(f"there is no fake mount of {protocol!r}", advice=f"there is: {', '.join(known)}")
+    return url
+
+
+def _degrees(text: str, what: str) -> float:
+    """An angle in degrees, minutes and seconds."""
     sign = -1.0 if text.strip().startswith("-") else 1.0
     parts = text.strip().lstrip("+-").replace("°", ":").replace("′", ":").replace("'", ":").split(":")
     try:
         numbers = [float(part.strip(' ″"')) for part in parts if part.strip(' ″"')]
     except ValueError as wrong:
-        raise BadRequest(f"{text!r} is not a longitude", advice="such as 11.404 or 11:24:15") from wrong
+        raise BadRequest(f"{text!r} is not a {what}", advice="such as 11.404 or 11:24:15") from wrong
     if not 1 <= len(numbers) <= 3 or any(number >= 60.0 for number in numbers[1:]):
-        raise BadRequest(f"{text!r} is not a longitude", advice="such as 11.404 or 11:24:15")
+        raise BadRequest(f"{text!r} is not a {what}", advice="such as 11.404 or 11:24:15")
     return sign * sum(number / 60.0**power for power, number in enumerate(numbers))
 
 

@@ -145,15 +145,7 @@ def _telling(command: str, service: str, as_json: bool) -> Iterator[_Said]:
         except ServiceError as error:
             found = dict(error.problem)
             said.fail(found, _USAGE if error.slug in _BAD_SLUGS else _FAILED)
-        except (httpx.TransportError, OSError) as error:
-            said.fail(
-                {
-                    "title": "no service",
-                    "detail": f"no mountnav service answers: {error or type(error).__name__}",
-                    "device": service,
-                    "advice": "start it, or give --service",
-                }
-            )
+        # an unsupported protocol is a transport error too
         except (httpx.InvalidURL, httpx.UnsupportedProtocol) as error:
             said.fail(
                 {
@@ -163,6 +155,15 @@ def _telling(command: str, service: str, as_json: bool) -> Iterator[_Said]:
                     "advice": f"like {LOCAL_SERVICE}",
                 },
                 _USAGE,
+            )
+        except (httpx.TransportError, OSError) as error:
+            said.fail(
+                {
+                    "title": "no service",
+                    "detail": f"no mountnav service answers: {error or type(error).__name__}",
+                    "device": service,
+                    "advice": "start it, or give --service",
+                }
             )
     except (BadRequest, BadSettings) as error:
         said.fail(_problem_of(error), _USAGE)

@@ -27,7 +27,8 @@ LOCAL_SERVICE = "http://127.0.0.1:8000"
 
 def config_option(text: str) -> Any:
     """The option --config, -c of a settings file; `text` says what of the file is used."""
-    return typer.Option("--config", "-c", help=text)
+    # whether it can be read is told in one line by who reads it
+    return typer.Option("--config", "-c", help=text, readable=False)
 
 
 def json_option(text: str = "JSON, for programs.") -> Any:

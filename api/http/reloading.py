@@ -119,6 +119,7 @@ async def _exchanged(service: Service, read: Settings, caller: Caller) -> Reload
     except Busy:
         await asyncio.gather(*(one.close() for one in fresh.values()))
         raise
+    before, touched = service.settings, {*told.added, *told.changed, *told.removed}
     # from here to the end of the exchange nothing waits
     gone, runners, watches = _exchange(service, settings, fresh, nights, told)
     request = {"added": told.added, "changed": told.changed, "removed": told.removed}
@@ -137,8 +138,8 @@ async def _exchanged(service: Service, read: Settings, caller: Caller) -> Reload
         await service.nights.start()
     except JournalFailed as failed:
         _log.error("nights could not begin: %s", failed)
-    for name in _doors(settings, told):
-        await service.listeners.renew(name)
+    for name in _doors(before, settings, told):
+        await service.listeners.renew(name, touched)
     _log.info("settings read again: added %s, changed %s, removed %s", told.added, told.changed, told.removed)
     return told
 
@@ -211,15 +212,18 @@ def _exchange(
     return gone, runners, watches
 
 
-def _doors(settings: Settings, told: Reloaded) -> list[str]:
-    """Listeners that show a telescope which differs: they are opened anew."""
+def _doors(before: Settings, settings: Settings, told: Reloaded) -> list[str]:
+    """Listeners that show a telescope which differs."""
     touched = {*told.added, *told.changed, *told.removed}
-    doors = []
     shown = set(settings.indi_server.telescopes)
-    if not shown or shown & touched:
-        doors.append("indi")
+    doors = ["indi"] if not shown or shown & touched else []
     for name, table in (("lx200", settings.lx200_server), ("stellarium", settings.stellarium)):
         # without a name it is the first, which may be another one now
-        if table.telescope is None or table.telescope in touched:
+        first = table.telescope or _first(settings)
+        if first in touched or first != (table.telescope or _first(before)):
             doors.append(name)
     return doors
+
+
+def _first(settings: Settings) -> str | None:
+    return settings.telescope[0].id if settings.telescope else None

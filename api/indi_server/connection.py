@@ -163,6 +163,15 @@ class Connection:
         """Tell a message of a device."""
         self._publisher.say(device, words)
 
+    def lose(self, device: IndiTelescope) -> None:
+        """Tell that a device has gone. What this client moves of it ends with the device."""
+        self._publisher.forget(device.name)
+
+    def find(self, device: IndiTelescope) -> None:
+        """Tell of a device that has come, where the client has asked for all."""
+        device.came(self._caller, self._life)
+        self.changed()
+
     # -- what it says --------------------------------------------------------------------------------
 
     async def _read(self) -> None:

@@ -61,6 +61,10 @@ class LeftSelections:
         """Somebody there has chosen since."""
         self._left.pop((host, device), None)
 
+    def drop(self, device: str) -> None:
+        """The device has gone; one that gets its name is another one."""
+        self._left = {key: at_s for key, at_s in self._left.items() if key[1] != device}
+
     def _counts(self, at_s: float) -> bool:
         return self._now_s() - at_s < _LEFT_LIVES_S
 
@@ -90,6 +94,10 @@ class Selections:
         """It has chosen; or its sync is done."""
         self._own[device] = mode
         self._left.forget(self._host, device)
+
+    def drop(self, device: str) -> None:
+        """The device has gone; one that gets its name is another one."""
+        self._own.pop(device, None)
 
     def leave(self) -> None:
         """It goes."""
@@ -184,6 +192,17 @@ class Publisher:
             self.overflowed.set()
             self._unsent.clear()
         self.news.set()
+
+    def forget(self, device: str) -> None:
+        """Tell that a device has gone; one that gets its name is told of anew."""
+        known = [key for key in self._known if key[0] == device]
+        for key in known:
+            del self._known[key]
+        self._held = {key: until for key, until in self._held.items() if key[0] != device}
+        self.off.pop(device, None)
+        self._selections.drop(device)
+        if known:
+            self.send(deletion(device, "", utc_now()))
 
     def end(self) -> None:
         """Keep nothing more: it hears nothing any more."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Collection
 
 from api.events import Event
 from api.indi_server.connection import Connection
@@ -15,6 +16,7 @@ from api.listeners.tcp import TcpPort, Turns
 from api.service import Service
 from mountnav.clock import utc_now
 from mountnav.settings.faces import IndiServerSettings
+from mountnav.settings.telescope import TelescopeSettings
 from mountnav.tasks import begun
 
 _WORDS = {
@@ -48,21 +50,7 @@ class IndiServer:
         self._connections: set[Connection] = set()
         self._left = LeftSelections()
         self._turns = Turns()
-        telescopes = service.settings.telescope
-        names = device_names(telescopes)
-        shown = self._settings.telescopes
-        telescopes = tuple(one for one in telescopes if not shown or one.id in shown)
-        self._devices = {
-            names[telescope.id]: IndiTelescope(
-                service,
-                telescope,
-                names[telescope.id],
-                changed=self._changed,
-                say=self._tell,
-                died=self._died,
-            )
-            for telescope in telescopes
-        }
+        self._devices = {name: self._made(one, name) for name, one in self._shown().items()}
         self._listening = TcpPort(
             self._settings.host,
             self._settings.port,
@@ -73,6 +61,17 @@ class IndiServer:
             refused=saying("", "[ERROR] goodbye: this address is not let in", utc_now()),
         )
         self._events: asyncio.Task[None] | None = None
+
+    def _shown(self) -> dict[str, TelescopeSettings]:
+        """The telescopes that are devices, by what they are called."""
+        telescopes = self._service.settings.telescope
+        names, shown = device_names(telescopes), self._settings.telescopes
+        return {names[one.id]: one for one in telescopes if not shown or one.id in shown}
+
+    def _made(self, telescope: TelescopeSettings, name: str) -> IndiTelescope:
+        return IndiTelescope(
+            self._service, telescope, name, changed=self._changed, say=self._tell, died=self._died
+        )
 
     @property
     def address(self) -> tuple[str, int]:
@@ -104,6 +103,36 @@ class IndiServer:
         for device in self._devices.values():
             await device.close()
 
+    async def renew(self, touched: Collection[str]) -> None:
+        """Show the telescopes that the service has now; clients stay, and are told what went and came.
+
+        Parameters
+        ----------
+        touched : collection of str
+            Ids of those that have come, changed or gone. What shows none of them is left as it is.
+        """
+        shown = self._shown()
+        gone = [
+            device
+            for name, device in self._devices.items()
+            if device.id in touched or name not in shown or shown[name].id != device.id
+        ]
+        for device in gone:
+            del self._devices[device.name]
+            self._left.drop(device.name)
+            for connection in self._connections:
+                connection.lose(device)
+        await asyncio.gather(*(device.close() for device in gone))
+        fresh = [self._made(one, name) for name, one in shown.items() if name not in self._devices]
+        await asyncio.gather(*(device.start() for device in fresh))
+        self._devices |= {device.name: device for device in fresh}
+        # in the order of the settings, as clients that come now would have them
+        for name in shown:
+            self._devices[name] = self._devices.pop(name)
+        for device in fresh:
+            for connection in self._connections:
+                connection.find(device)
+
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         connection = Connection(
             self._devices, self._left, self._turns, reader, writer, silence_s=self._settings.silence_s
@@ -133,9 +162,9 @@ class IndiServer:
             connection.tell(device, answer)
 
     async def _follow_events(self) -> None:
-        by_id = {device.id: device for device in self._devices.values()}
         async for event in self._service.events.follow():
-            device, words = by_id.get(str(event.data.get("telescope"))), words_of_event(event)
+            about, words = str(event.data.get("telescope")), words_of_event(event)
+            device = next((one for one in self._devices.values() if one.id == about), None)
             if device is not None and words is not None:
                 for connection in self._connections:
                     connection.say(device, words)

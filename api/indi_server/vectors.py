@@ -139,10 +139,9 @@ def setting(device: str, vector: Vector, utc: datetime, words: str = "") -> byte
 
 
 def deletion(device: str, name: str, utc: datetime) -> bytes:
-    """Write that a property is gone."""
-    return (
-        f"<delProperty{_written({'device': device, 'name': name, 'timestamp': timestamp(utc)})}/>\n".encode()
-    )
+    """Write that a property is gone; without a name the whole device."""
+    attributes = {"device": device} | ({"name": name} if name else {})
+    return f"<delProperty{_written(attributes | {'timestamp': timestamp(utc)})}/>\n".encode()
 
 
 def saying(device: str, words: str, utc: datetime) -> bytes:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from mountnav.errors import MountnavError
 
@@ -27,6 +27,15 @@ class Listener(Protocol):
     @property
     def address(self) -> tuple[str, int]:
         """Host and port that it listens on."""
+        ...
+
+
+@runtime_checkable
+class Renewing(Protocol):
+    """A listener that shows other telescopes without letting its clients go."""
+
+    async def renew(self, touched: Collection[str]) -> None:
+        """Show what the service has now; `touched` are the ids that have come, changed or gone."""
         ...
 
 
@@ -88,9 +97,19 @@ class Listeners:
             self._open[name] = listener
             _log.info("%s listens on %s port %d", name, *listener.address)
 
-    async def renew(self, name: str) -> None:
-        """Shut one, if it is open, and open it anew; its clients are let go once."""
+    async def renew(self, name: str, touched: Collection[str]) -> None:
+        """Have one show the telescopes that there are now; where it can't, its clients are let go once.
+
+        Parameters
+        ----------
+        touched : collection of str
+            Ids of the telescopes that have come, changed or gone.
+        """
         if name not in self._made:
+            return
+        listener: object = self._open.get(name)
+        if isinstance(listener, Renewing):
+            await listener.renew(touched)
             return
         if (before := self._open.pop(name, None)) is not None:
             await before.stop()
@@ -108,4 +127,4 @@ class Listeners:
         self._open.clear()
 
 
-__all__ = ["Listener", "ListenerState", "Listeners"]
+__all__ = ["Listener", "ListenerState", "Listeners", "Renewing"]

@@ -19,7 +19,8 @@ from drivers.registry import open_camera
 from mountnav.catalog.catalog_set import open_catalogs
 from mountnav.devices import Camera, Mount
 from mountnav.errors import BadSettings, MountnavError
-from mountnav.journal.database import database_url, file_of
+from mountnav.files import open_plain
+from mountnav.journal.database import connectable, database_url, file_of
 from mountnav.settings.observatory import Settings
 from mountnav.settings.telescope import (
     AlpacaCameraSettings,
@@ -53,6 +54,10 @@ class Finding:
     fix: str = ""
 
 
+_SQLITE = b"SQLite format 3\0"
+"""How a file of SQLite begins, by its file format."""
+
+
 def check_settings(file: Path) -> tuple[Settings | None, list[Finding]]:
     """Read a settings file whole, and look at all that it names. Opens no device and no port.
 
@@ -78,7 +83,7 @@ def _wrong(about: str, error: MountnavError) -> Finding:
 def _of_the_service(settings: Settings) -> Iterator[Finding]:
     yield from _tried("catalogs", lambda: _catalogs(settings))
     yield from _tried("keys", lambda: _keys(settings))
-    yield _journal(settings)
+    yield from _tried("journal", lambda: _journal(settings))
     yield from _ports(settings)
 
 
@@ -106,10 +111,24 @@ def _keys(settings: Settings) -> Finding:
 
 
 def _journal(settings: Settings) -> Finding:
-    """Whether a journal's file could be written; a server isn't asked."""
-    file = file_of(database_url(settings.journal.where))
+    """Whether a journal's file could be written, and is one; a server isn't asked."""
+    url = database_url(settings.journal.where)
+    file = file_of(url)
     if file is None:
+        # its driver may not be installed
+        connectable(url, "read").dispose()
         return Finding("journal", "right", "on a database server, which is not asked here")
+    try:
+        with open_plain(file) as opened:
+            head = opened.read(len(_SQLITE))
+    except (FileNotFoundError, PermissionError):
+        head = b""  # it is to be made, or can't be written either
+    except OSError as error:
+        what = f"{file}: {error.strerror or error}"
+        return Finding("journal", "wrong", what, "name a file with [journal] url")
+    if head and head != _SQLITE:
+        fix = "move it away, or name another file with [journal] url"
+        return Finding("journal", "wrong", f"{file} is not a journal", fix)
     folder = file.parent
     while not folder.exists():
         folder = folder.parent

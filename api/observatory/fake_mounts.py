@@ -18,6 +18,9 @@ simulated slew takes twice as long."""
 GERMAN = Machine(mounting="german", meridian_limits_deg=(10.0, 10.0))
 """How a fake mount is built that is German by its settings, or by its family where they don't say: it changes
 sides, 10° past the meridian at most."""
+_COMMANDS_KEPT = 4_000
+"""Commands that a fake of the service remembers; chosen by hand: some ten minutes of one that is read three
+times a second, for who debugs it. Doubled, each fake holds some 200 kB more once it has run for hours."""
 
 
 def mechanics_of(one: TelescopeSettings, settings: Settings) -> Mechanics:
@@ -43,4 +46,6 @@ def fake_on_pty(protocol: str, dialect: str | None, mechanics: Mechanics) -> Fak
         If there is no such protocol or dialect.
     """
     fake = make_fake(protocol, dialect, mechanics, clock=utc_now, monotonic=seconds)
+    for record in (fake.heard, fake.obeyed, fake.unknown):
+        record.keep(_COMMANDS_KEPT)
     return FakeOnPty(fake if virtual_time() is None else InFastTime(fake)).start()

@@ -30,6 +30,7 @@ from api.orders.job import (
     stopped,
     told_stopped,
 )
+from api.orders.lean_results import without_stars
 from api.problems import Problem, Refused, internal_problem, problem, problem_of
 from mountnav.clock import utc_now
 from mountnav.devices import Epoch
@@ -499,7 +500,8 @@ class Jobs:
         self, job: Job, state: JobState, *, result: object | None = None, found: Problem | None = None
     ) -> None:
         job.state, job.phase, job.finished_utc = state, "ended", job.finished_utc or utc_now()
-        job.result, job.problem = result, found
+        # views, journal and clients need no stars; of a thousand jobs they would be hundreds of megabytes
+        job.result, job.problem = without_stars(result), found
         if job in (line := self._line.get(job.telescope, [])):
             line.remove(job)
         for inner in self._within.pop(job.id, ()):

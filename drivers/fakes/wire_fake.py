@@ -55,6 +55,10 @@ class Remembered(Sequence[T]):
         self._kept.append(thing)
         self._count += 1
 
+    def keep(self, most: int) -> None:
+        """Keep no more than this from now on; the oldest that are too many are dropped."""
+        self._kept = deque(self._kept, maxlen=most)
+
     def clear(self) -> None:
         """Drop all items, and count from 0 again."""
         self._kept.clear()

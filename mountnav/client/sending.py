@@ -196,6 +196,10 @@ def settings(base_url: str, token: str | None, timeout_s: float) -> dict[str, An
     return {"base_url": base_url, "headers": headers, "timeout": timeout_s, "trust_env": False}
 
 
+_SHOWN = 60
+"""Characters that are shown of an answer of somebody else. Doubled, a line fills two of a terminal."""
+
+
 def problem_of(response: httpx.Response) -> Json:
     """The problem in an answer; one of our own where something else than the service answered."""
     try:
@@ -204,7 +208,9 @@ def problem_of(response: httpx.Response) -> Json:
         told = None
     if isinstance(told, dict):
         return told
+    words = f"HTTP status {response.status_code}, {' '.join(response.text[:200].split())[:_SHOWN]!r}"
     return {
         "title": f"HTTP status {response.status_code}",
-        "detail": f"no JSON of the service: {response.text[:200]}",
+        "detail": f"what answers is no mountnav service: {words}",
+        "advice": "another program, or a proxy, listens at that address",
     }

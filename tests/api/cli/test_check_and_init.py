@@ -10,6 +10,7 @@ import pty
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,7 +88,12 @@ def test_it_writes_over_nothing_and_asks_nobody_without_a_terminal(tmp_path: Pat
         (("--latitude", "95"), "a latitude of 95°"),
         (("--longitude", "11:75"), "is not a longitude"),
         (("--longitude", "west"), "is not a longitude"),
-        (("--mount", "morse+serial:///dev/ttyUSB0"), ""),
+        (("--latitude", "north"), "'north' is not a latitude"),
+        (("--height", "inf"), "a height in m of inf"),
+        (("--scale", "nan"), "a scale in arcseconds per pixel of nan"),
+        (("--mount", "morse+serial:///dev/ttyUSB0"), "names no known driver"),
+        (("--mount", "ttyUSB0"), "names no driver"),
+        (("--mount", "fake+morse://"), "there is no fake mount of 'morse'"),
         (("--mounting", "dobson"), "mounting"),
         (("--camera", 'a"b\\c\x01'), "control character"),
     ],
@@ -97,12 +103,6 @@ def test_an_answer_that_makes_no_sense_writes_nothing(
 ) -> None:
     given = dict(zip(SITE[0:6:2], SITE[1:6:2], strict=True)) | {flags[0]: flags[1]}
     done = _run("init", "--no-look", *(part for pair in given.items() for part in pair), folder=tmp_path)
-    if not words:  # which families there are only drivers know: that is what check says
-        assert done.returncode == 0
-        checked = _run("check", folder=tmp_path)
-        assert checked.returncode == 2
-        assert "telescope.mount" in checked.stdout
-        return
     assert done.returncode == 2
     assert words in done.stderr
     assert not (tmp_path / "observatory.toml").exists()
@@ -116,7 +116,8 @@ def test_it_asks_on_a_terminal(tmp_path: Path) -> None:
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
     os.close(far)
-    answers = [b"-33.5", b"-70:42:00", b"1200", b"1", b"german", b"simulated", b"0"]
+    answers = [b"south", b"-33.5", b"-70:42:00", b"high", b"1200", b"ttyUSB0", b"1", b"tripod", b"german"]
+    answers += [b"simulated", b"fine", b"0"]
     os.write(near, b"".join(answer + b"\n" for answer in answers))  # typed ahead
     said = b""
     while True:
@@ -125,6 +126,9 @@ def test_it_asks_on_a_terminal(tmp_path: Path) -> None:
         except OSError:  # the other end is closed
             break
     assert process.wait() == 0, said.decode()
+    # what makes no sense is asked for again
+    for words in ("not a latitude", "not a height", "names no driver", "no mounting", "not a scale"):
+        assert words in said.decode()
     settings = Settings.load(tmp_path / "observatory.toml")
     assert (settings.site.latitude_deg, settings.site.longitude_deg) == (-33.5, pytest.approx(-70.7))
     assert settings.telescope[0].mount.url == "fake+lx200://"
@@ -145,6 +149,31 @@ def test_check_tells_each_thing_that_is_wrong_with_its_fix(tmp_path: Path) -> No
     assert _findings(tmp_path)["main: model"]["state"] == "wrong"
     (tmp_path / "observatory.toml").write_text(text + '\n[catalogs]\nuse = ["gaia-dr9"]\n')
     assert _findings(tmp_path)["catalogs"]["state"] == "wrong"
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (Path.mkdir, "it is a folder, not a file"),
+        (lambda path: path.write_text("a long text that is no database"), "is not a journal"),
+        (lambda path: path.symlink_to("/dev/null"), "it is a device, not a file"),
+    ],
+    ids=["folder", "text", "device"],
+)
+def test_check_tells_what_is_no_journal(make: Callable[[Path], object], words: str, tmp_path: Path) -> None:
+    assert _run("init", *SITE, "--mount", "fake", folder=tmp_path).returncode == 0
+    assert _findings(tmp_path)["journal"]["state"] == "right"
+    make(tmp_path / "journal.sqlite")
+    found = _findings(tmp_path)["journal"]
+    assert found["state"] == "wrong"
+    assert words in found["what"]
+    assert found["fix"]
+
+
+def test_an_empty_file_may_become_a_journal(tmp_path: Path) -> None:
+    assert _run("init", *SITE, "--mount", "fake", folder=tmp_path).returncode == 0
+    (tmp_path / "journal.sqlite").touch()
+    assert _findings(tmp_path)["journal"]["state"] == "right"
 
 
 def test_check_tells_a_port_that_is_taken(tmp_path: Path) -> None:

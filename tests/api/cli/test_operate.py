@@ -158,23 +158,46 @@ def unused_port() -> str:
         return f"http://127.0.0.1:{listener.getsockname()[1]}"
 
 
-def test_something_else_that_answers_is_no_service() -> None:
+def _page(status: bytes, body: bytes) -> bytes:
+    return b"HTTP/1.1 %s\r\nContent-Length: %d\r\nConnection: close\r\n\r\n%s" % (status, len(body), body)
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        _page(b"200 OK", b"hello"),
+        _page(b"404 Not Found", b"<!DOCTYPE HTML>\n<html>\n<head>\n<title>Error</title>\n</head>\n"),
+        _page(b"502 Bad Gateway", b""),
+        b"SSH-2.0-OpenSSH_9.2\r\n",
+    ],
+    ids=["words", "page", "empty", "ssh"],
+)
+def test_something_else_that_answers_is_no_service(page: bytes) -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         url = f"http://127.0.0.1:{listener.getsockname()[1]}"
 
         def answer() -> None:
-            for _ in range(1):
-                near, _ = listener.accept()
-                with near:
-                    near.recv(65536)
-                    near.sendall(b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\nConnection: close\r\n\r\nhello")
+            near, _ = listener.accept()
+            with near:
+                near.recv(65536)
+                near.sendall(page)
 
         answering = threading.Thread(target=answer)
         answering.start()
-        code, told_of_it = told(url, "stop")
+        result = run(url, "stop")
         answering.join()
-    assert code == 1
-    assert told_of_it["problem"]["detail"]
+    assert result.exit_code == 1
+    (line,) = result.stderr.splitlines()
+    assert "no mountnav service" in line
+    assert len(line) < 240
+
+
+@pytest.mark.parametrize("url", ["localhost:8000", "ftp://127.0.0.1", "", "http://[::1"])
+def test_what_is_no_address_is_code_2(url: str) -> None:
+    result = run(url, "status")
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert "that is not the address of a service" in line
 
 
 # -- targets -----------------------------------------------------------------------------------------

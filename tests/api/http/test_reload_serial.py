@@ -247,10 +247,76 @@ async def test_clients_of_the_doors_come_again_and_find_the_new_telescope(mounts
             await one.reload(text_of(east=(urls["east"], 2.0), west=(urls["west"], 2.0)))
         ).status_code == 200
         async with asyncio.timeout(20):
-            for reader, _ in clients:
-                await reader.read()
+            await clients[0][0].read()
         await one.until("east", connected=True)
         assert (await declination()).endswith(b"#")
         assert b"east" in await indi()
         for _, writer in clients:
             writer.close()
+
+
+async def test_a_client_of_many_devices_stays_while_one_of_them_is_changed_taken_out_and_added(
+    mounts: Mounts,
+) -> None:
+    urls = mounts.urls
+    east, west = (urls["east"], 1.0), (urls["west"], 1.0)
+    async with running(text_of(east=east, west=west)) as one:
+        for name in ("east", "west"):
+            await one.until(name, connected=True)
+        reader, writer = await asyncio.open_connection("127.0.0.1", one.port("indi"))
+        of_east, east_writer = await asyncio.open_connection("127.0.0.1", one.port("indi"))
+
+        async def heard(words: bytes, of: asyncio.StreamReader = reader) -> bytes:
+            async with asyncio.timeout(30):
+                return await of.readuntil(words)
+
+        # a key that is held down moves east the whole time, by a client that asks for it alone
+        east_writer.write(b'<getProperties version="1.7" device="east"/>')
+        await heard(b'device="east" name="EQUATORIAL_EOD_COORD"', of_east)
+        east_writer.write(
+            b'<newSwitchVector device="east" name="TELESCOPE_MOTION_NS">'
+            b'<oneSwitch name="MOTION_NORTH">On</oneSwitch></newSwitchVector>'
+        )
+        moving = mounts.mechanics["east"]
+        before = moving.truth()
+        async with asyncio.timeout(20):
+            while moving.truth() == before:
+                await asyncio.sleep(0.02)
+        writer.write(b'<getProperties version="1.7"/>')
+        writer.write(
+            b'<newSwitchVector device="west" name="ON_COORD_SET">'
+            b'<oneSwitch name="SYNC">On</oneSwitch></newSwitchVector>'
+        )
+        await heard(b'device="west" name="EQUATORIAL_EOD_COORD"')
+        # changed: it goes as a whole, and comes again; a sync that was chosen for the old one is gone
+        assert (await one.reload(text_of(east=east, west=(urls["west"], 2.0)))).status_code == 200
+        await heard(b'<delProperty device="west" timestamp')
+        again = await heard(b'device="west" name="EQUATORIAL_EOD_COORD"')
+        assert b'device="west" name="CONNECTION"' in again
+        assert b'name="TRACK" label="Track">On' in again, again.decode()
+        # taken out, and another one comes on its line
+        assert (await one.reload(text_of(east=east, north=west))).status_code == 200
+        await heard(b'<delProperty device="west" timestamp')
+        await heard(b'device="north" name="EQUATORIAL_EOD_COORD"')
+        # no word of the other devices, for a client that asked for east alone, which moves all the while
+        place = moving.truth()
+        assert (await one.state("east"))["connected"] is True
+        async with asyncio.timeout(20):
+            while moving.truth() == place:
+                await asyncio.sleep(0.02)
+        east_writer.write(
+            b'<newSwitchVector device="east" name="TELESCOPE_MOTION_NS">'
+            b'<oneSwitch name="MOTION_NORTH">Off</oneSwitch></newSwitchVector>'
+        )
+        told = await heard(b'state="Idle"', of_east)
+        assert b'device="east"' in told
+        assert b'device="west"' not in told
+        assert b'device="north"' not in told
+        # a new device takes orders
+        writer.write(
+            b'<newSwitchVector device="north" name="TELESCOPE_TRACK_STATE">'
+            b'<oneSwitch name="TRACK_OFF">On</oneSwitch></newSwitchVector>'
+        )
+        await one.until("north", tracking=False)
+        for each in (writer, east_writer):
+            each.close()

@@ -49,3 +49,13 @@ def test_after_clearing_it_counts_anew() -> None:
     kept.append(4)
     assert kept == [4]
     assert repr(kept) == "[4]"
+
+
+def test_less_may_be_kept_from_now_on_and_numbers_stay() -> None:
+    kept = Remembered(range(10))
+    kept.keep(3)
+    assert (len(kept), list(kept), kept[9]) == (10, [7, 8, 9], 9)
+    kept.append(10)
+    assert (len(kept), list(kept)) == (11, [8, 9, 10])
+    with pytest.raises(IndexError):
+        kept[7]
