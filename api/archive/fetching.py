@@ -20,8 +20,8 @@ from mountnav.extras import extra
 from mountnav.files import open_plain
 
 MOST_FETCHED_BYTES = 2_500_000_000
-"""Longest frame that is fetched: as long as the largest image that is read. Doubled, a wrong URL fills twice
-as much of a disk."""
+"""Longest frame that is fetched, or hashed here: as long as the largest image that is read. Doubled, a wrong
+URL fills twice as much of a disk."""
 
 _PIECE_BYTES = 1 << 22
 """Read at a time; for speed alone."""
@@ -29,6 +29,10 @@ _PIECE_BYTES = 1 << 22
 _HASHED_BYTES = 1 << 18
 """Hashed at a time, in memory that stays in the processor's cache: for speed alone. Four times as much, fresh
 for each piece, cost a third more."""
+
+MOST_WORDS = 200
+"""Letters of a server's error that are kept: it may send a page. Doubled, a million refusals may take twice
+the room."""
 
 LISTED_S = 300.0
 """Until a server has to have listed what fits a pattern. Doubled, one that hangs is noticed twice as late."""
@@ -47,12 +51,19 @@ class Fetched:
         Open; whoever fetched it closes it.
     fetch_s : float
         Wall time that it took.
+    state : tuple of int
+        Its length and time of change (ns) before it was hashed.
     """
 
     file: FileIO
     sha256: str
     size_bytes: int
     fetch_s: float = 0.0
+    state: tuple[int, int] = (0, 0)
+
+    def unchanged(self) -> bool:
+        """Whether nobody wrote to it since: else what is solved isn't what was hashed. Raises `OSError`."""
+        return self.state == _state(self.file)
 
 
 def is_remote(file: str) -> bool:
@@ -81,16 +92,25 @@ def fetched(file: str, timeout_s: float) -> Fetched:
     opened = _from_elsewhere(file, timeout_s) if is_remote(file) else open_plain(Path(os.fsdecode(file)))
     try:
         sha256 = hashlib.sha256()
-        size = 0
+        size, state = 0, _state(opened)
         piece = memoryview(bytearray(_HASHED_BYTES))
-        while count := opened.readinto(piece):
-            sha256.update(piece[:count])
-            size += count
+        if state[0] <= MOST_FETCHED_BYTES:
+            while (count := opened.readinto(piece)) and size <= MOST_FETCHED_BYTES:
+                sha256.update(piece[:count])
+                size += count
+        if max(size, state[0]) > MOST_FETCHED_BYTES:
+            raise OSError(errno.EFBIG, f"it is longer than {MOST_FETCHED_BYTES / 1e9:g} GB", file)
         os.lseek(opened.fileno(), 0, os.SEEK_SET)
-        return Fetched(opened, sha256.hexdigest(), size, time.monotonic() - began_s)
+        return Fetched(opened, sha256.hexdigest(), size, time.monotonic() - began_s, state)
     except BaseException:
         opened.close()
         raise
+
+
+def _state(file: FileIO) -> tuple[int, int]:
+    """Length and time of change of an open file; other marks change with its name or mode, too."""
+    found = os.fstat(file.fileno())
+    return found.st_size, found.st_mtime_ns
 
 
 def spread(pattern: str) -> list[str]:
@@ -144,25 +164,37 @@ def _from_elsewhere(url: str, timeout_s: float) -> FileIO:
                 while piece := source.read(_PIECE_BYTES):
                     size += len(piece)
                     if size > MOST_FETCHED_BYTES:
-                        raise OSError(errno.EFBIG, "it is too long")
+                        raise OSError(errno.EFBIG, f"it is longer than {MOST_FETCHED_BYTES / 1e9:g} GB")
                     target.write(piece)
         except FileNotFoundError as fault:
             # fsspec says so of a server that doesn't answer, too, and leaves the number out
             other = _beneath(fault)
             if other is not None:
-                raise OSError(errno.EIO, f"{type(other).__name__}: {other}"[:200]) from fault
+                raise OSError(errno.EIO, _words(other, url, timeout_s)) from fault
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), url) from fault
         except PermissionError as fault:
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), url) from fault
-        except OSError:
-            raise
         except Exception as fault:  # each kind of server has errors of its own
-            raise OSError(errno.EIO, f"{type(fault).__name__}: {fault}"[:200]) from fault
+            if isinstance(fault, OSError) and fault.errno is not None and fault.strerror:
+                raise
+            raise OSError(errno.EIO, _words(fault, url, timeout_s)) from fault
         os.lseek(number, 0, os.SEEK_SET)
         return target
     except BaseException:
         target.close()
         raise
+
+
+def _words(fault: BaseException, url: str, timeout_s: float) -> str:
+    """What a server or the way to it did, in words that say something; without what a URL has signed."""
+    if isinstance(fault, TimeoutError):
+        return f"no answer came within {timeout_s:g} s"
+    if type(fault).__name__ == "ClientResponseError":
+        told = f"{getattr(fault, 'status', '?')} {getattr(fault, 'message', '')}".strip()
+        return f"the server answers {told}"[:MOST_WORDS]
+    text = f"{type(fault).__name__}: {fault}"
+    _, sign, signed = url.partition("?")
+    return (text.replace(signed, "...") if sign and signed else text)[:MOST_WORDS]
 
 
 def _beneath(fault: BaseException) -> BaseException | None:

@@ -60,16 +60,20 @@ def listed_frames(words: Sequence[str], hdu: str | None) -> Iterator[Entry]:
 
 def _of_word(word: str, hdu: str | None) -> Iterator[Entry]:
     if is_remote(word):
-        if hdu == ALL_EXTENSIONS:
-            raise BadRequest(
-                f"{word}: the extensions of a URL aren't known", advice="name them in a table, a row each"
-            )
+        _require_one(word, hdu)
         for url in spread(word):
             yield Entry(url, hdu)
         return
     for path in found_files([Path(word)], None):
         for frame in frames_of(path, hdu):
             yield _entry(path, None if frame.hdu is None else str(frame.hdu))
+
+
+def _require_one(url: str, hdu: str | None) -> None:
+    if hdu == ALL_EXTENSIONS:
+        raise BadRequest(
+            f"{url}: the extensions of a URL aren't known", advice="name them in a table, a row each"
+        )
 
 
 def _entry(path: Path, extension: str | None, hint: Hint | None = None) -> Entry:
@@ -119,10 +123,12 @@ def _of_table(path: Path, hdu: str | None) -> Iterator[Entry]:
         told = row.get("extension")
         extension = hdu if told in (None, "") else str(told)
         if is_remote(file):
+            _require_one(file, extension)
             yield Entry(file, extension, None, hint)
         else:
             # a table beside its frames may name them from there
-            yield _entry(path.parent / file, extension, hint)
+            for frame in frames_of(path.parent / file, extension):
+                yield _entry(frame.path, None if frame.hdu is None else str(frame.hdu), hint)
 
 
 def _rows(path: Path) -> Iterator[Mapping[str, Any]]:

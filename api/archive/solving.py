@@ -52,6 +52,8 @@ MOST_UNREAD_RUNNING = 20
 """Frames in a row that the storage fails on before the chunk is given up: it is the storage's fault then, and
 nobody wants a chunk of such. Doubled, that shows after twice as many."""
 
+_CHANGING = "the file is being written: it changed while it was read, in each of 2 tries"
+
 _KILLED = "KILLED"
 """For now: from outside, it seems."""
 
@@ -145,6 +147,10 @@ class ChunkSolver:
                         ahead = None if following is None else waited_for(self._fetched(following))
                         fetch_s = opened.fetch_s if isinstance(opened, Fetched) else waited_s
                         answer = await self._result(entry, opened)
+                        if answer is None:
+                            await asyncio.sleep(PAUSE_S)
+                            answer = await self._result(entry, await self._fetched(entry))
+                            answer = answer or Result(entry, code=UNREAD, why=_CHANGING)
                         result = replace(answer, fetch_s=fetch_s, waited_s=waited_s)
                         writer.add(result)
                         told(result)
@@ -179,7 +185,8 @@ class ChunkSolver:
             raise OSError(errno.ETIMEDOUT, f"no answer came within {self._prepared.deadline_s:g} s")
         return reading.result()
 
-    async def _result(self, entry: Entry, opened: Fetched | OSError) -> Result:
+    async def _result(self, entry: Entry, opened: Fetched | OSError) -> Result | None:
+        """What became of the frame; None if it was written to meanwhile."""
         began_s = time.monotonic()
         if isinstance(opened, OSError):
             if opened.errno in _OWN_FAULTS:
@@ -207,6 +214,8 @@ class ChunkSolver:
                 if verdict is not None or tried == TRIES:
                     break
                 _log.warning("%s: %s; tried again", entry.file, why)
+            if not opened.unchanged():
+                return None  # the hash is that of another content than the answer
             return Result(
                 entry,
                 opened.sha256,

@@ -213,7 +213,8 @@ class Remote:
         except Exception as error:
             # what was never connected was never sent; of all else nobody knows
             unsent = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout | BadSettings)
-            words = f"NOT SENT: {self._why(error)}" if unsent else f"not known: {self._why(error)}"
+            why = self._why(error, STOP_TRIED_S)
+            words = f"NOT SENT: {why}" if unsent else f"not known: {why}"
             told = StopTold(given_utc, False if unsent else None, words)
         if self.stop is None or self.stop.given_utc <= given_utc:
             self.stop = told
@@ -254,7 +255,11 @@ class Remote:
             except Exception as error:  # whatever a stranger's answer brings about is the stranger's
                 state: Health = "strange" if isinstance(error, StrangeAnswer) else "silent"
                 last = self.seen
-                self._see(Seen(state, self._why(error), last.answered_utc, last.version, (), last.telescopes))
+                self._see(
+                    Seen(
+                        state, self._why(error, ASKED_S), last.answered_utc, last.version, (), last.telescopes
+                    )
+                )
             await asyncio.sleep(poll_s)
 
     async def _looked_at(self) -> Seen:
@@ -311,9 +316,9 @@ class Remote:
         except (ValueError, RecursionError) as error:
             raise StrangeAnswer(f"{path} is answered by no JSON (status {answer.status_code})") from error
 
-    def _why(self, error: Exception) -> str:
+    def _why(self, error: Exception, waited_s: float) -> str:
         if isinstance(error, TimeoutError | httpx.TimeoutException):
-            return f"no answer within {ASKED_S:g} s"
+            return f"no answer within {waited_s:g} s"
         if (of_tls := _of_tls(error)) is not None:
             return masked(f"its certificate isn't taken: {of_tls.strerror or of_tls}")[:MOST_WORDS]
         if isinstance(error, BadSettings):

@@ -204,7 +204,8 @@ def _note_machine(path: Path, audit: Audit) -> None:
         return
     told = {key.decode(): value.decode() for key, value in metadata.items()}
     libraries = ", ".join(f"{name} {told[name]}" for name in ("python", "numpy", "scipy") if name in told)
-    audit.machines[f"{told.get('processor', told.get('machine', '?'))}: {libraries}"] += 1
+    kernels = f", kernels of {told['kernels']}" if "kernels" in told else ""
+    audit.machines[f"{told.get('processor', told.get('machine', '?'))}: {libraries}{kernels}"] += 1
 
 
 def _changed(file: str, sha256: str) -> Iterator[str]:

@@ -4,7 +4,7 @@
 
     archive.json                         what this is: format, frames a chunk
     list/batch-000000/                   a part of the work list; `init` and `add` make one each
-        batch.json                       how many frames each of its chunks has, and their priority
+        batch.json                       frames and hash of each of its chunks, and their priority
         0000000.parquet ...              the frames of a chunk
     runs/RUN/                            RUN: the first letters of the recipe's hash
         recipe.json                      what decides the results: version, catalogs, settings
@@ -38,7 +38,7 @@ VERSION = 1
 """Of the folder and of its tables; a newer one is refused."""
 
 MOST_JSON_BYTES = 200_000_000
-"""Longest JSON file of an archive: that of a batch of 10 million chunks. Doubled, a damaged one costs twice
+"""Longest JSON file of an archive: that of a batch of 2.5 million chunks. Doubled, a damaged one costs twice
 as much memory."""
 
 _CHUNK = re.compile(r"chunk=(\d{7,})")

@@ -7,6 +7,7 @@ frames under the same recipe give the same bytes, and the second one finds its o
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import fcntl
 import os
@@ -45,6 +46,8 @@ UNREAD = "UNREAD"
 """Code of a frame whose file isn't there or can't be read."""
 
 _LIBRARIES = ("numpy", "scipy", "astropy", "pyerfa", "pyarrow")
+_KERNELS_TOLD_BY = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")
+"""Names of OpenBLAS's function that tells them: in the builds of numpy and of scipy, and a system's own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,7 +282,27 @@ def machine() -> dict[str, str]:
     with suppress(OSError, IndexError):
         text = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
         told["processor"] = text.split("model name")[1].split("\n")[0].strip("\t :")
+    if kernels := _kernels():
+        told["kernels"] = ", ".join(kernels)
     return told
+
+
+def _kernels() -> list[str]:
+    """The processor that OpenBLAS computes for: the last digits are its, and the environment may choose it.
+
+    A batch system gives its jobs an environment of their own: without the ``OPENBLAS_CORETYPE`` of the shell
+    the same computer computes other last digits.
+    """
+    found: set[str] = set()
+    with suppress(OSError):
+        maps = Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace").splitlines()
+        for path in {line.split(maxsplit=5)[-1] for line in maps if "openblas" in line}:
+            library = ctypes.CDLL(path)  # it is loaded already
+            for name in _KERNELS_TOLD_BY:
+                if (told := getattr(library, name, None)) is not None:
+                    told.restype = ctypes.c_char_p
+                    found.add((told() or b"?").decode("ascii", "replace"))
+    return sorted(found)
 
 
 @contextmanager

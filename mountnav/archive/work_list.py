@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mountnav.archive.folder import Folder, read_json, whole, write_json
-from mountnav.archive.tables import LIST_COLUMNS, read_rows, write_table
+from mountnav.archive.tables import LIST_COLUMNS, read_rows, sha256_of, write_table
 from mountnav.errors import BadRequest
 from mountnav.frames import Hint
 from mountnav.sky.coordinates import Icrs
@@ -49,12 +49,16 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """A chunk of the list: where it lies, how many frames it has, what goes first."""
+    """A chunk of the list: where it lies, how many frames it has, what goes first, and the hash of its file.
+
+    Lists of older versions have no hashes.
+    """
 
     number: int
     path: Path
     frames: int
     priority: int
+    sha256: str | None = None
 
     def entries(self) -> list[Entry]:
         """Its frames.
@@ -64,6 +68,14 @@ class Chunk:
         BadRequest
             The list is damaged.
         """
+        try:
+            damaged = self.sha256 is not None and sha256_of(self.path) != self.sha256
+        except OSError as fault:
+            raise BadRequest(
+                f"{self.path} can't be read: {fault.strerror or fault}", advice="restore it"
+            ) from fault
+        if damaged:
+            raise BadRequest(f"{self.path} is damaged: its SHA-256 is another", advice="restore it")
         found = [_entry(row) for row in read_rows(self.path)]
         if len(found) != self.frames:
             raise BadRequest(f"{self.path} has {len(found)} frames, not {self.frames}", advice="restore it")
@@ -93,11 +105,14 @@ class WorkList:
                     raise ValueError("a batch before it is missing")
                 counts = [int(count) for count in told["frames"]]
                 priority = int(told["priority"])
+                hashes = told.get("sha256", [None] * len(counts))
+                if len(hashes) != len(counts):
+                    raise ValueError("it has another number of hashes than of chunks")
             except (KeyError, TypeError, ValueError) as fault:
                 raise BadRequest(f"{path}/batch.json is damaged: {fault}", advice="restore it") from fault
-            for count in counts:
+            for count, sha256 in zip(counts, hashes, strict=True):
                 number = len(chunks)
-                chunks.append(Chunk(number, path / _name(number), count, priority))
+                chunks.append(Chunk(number, path / _name(number), count, priority, sha256))
         return cls(tuple(chunks))
 
     @property
@@ -144,19 +159,23 @@ def add_batch(folder: Folder, entries: Iterable[Entry], priority: int = 0) -> in
     known = WorkList.open(folder)
     first_chunk, number = len(known.chunks), known.frames
     counts: list[int] = []
+    hashes: list[str] = []
     at = len(_batches(folder))
     with whole(folder.batches / f"batch-{at:06d}", folder.batches, ".making-") as fresh:
         waiting = iter(entries)
         while part := list(itertools.islice(waiting, folder.chunk_frames)):
             rows = (_row(entry, number + place) for place, entry in enumerate(part))
-            write_table(fresh / _name(first_chunk + len(counts)), LIST_COLUMNS, rows)
+            path = fresh / _name(first_chunk + len(counts))
+            write_table(path, LIST_COLUMNS, rows)
+            hashes.append(sha256_of(path))
             number += len(part)
             counts.append(len(part))
         if not counts:
             raise BadRequest(
                 "there is no frame to add", advice="name files, folders, patterns, a list or a table"
             )
-        write_json(fresh / "batch.json", {"first_chunk": first_chunk, "frames": counts, "priority": priority})
+        told = {"first_chunk": first_chunk, "frames": counts, "priority": priority, "sha256": hashes}
+        write_json(fresh / "batch.json", told)
     return sum(counts)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from mountnav.catalog.stars import Catalog
 from mountnav.frames import Frame, Hint, StarList
@@ -38,6 +39,20 @@ _SAMPLED = 200_000
 """Pixels that it is told from."""
 _LEAST_BUDGET_S = 0.05
 """Of a search that follows others, CPU s."""
+_SCRATCH_PX = 5
+"""Side of the square whose median a scratch of one or two pixels can't move. Doubled, stars twice as wide are
+taken for scratches."""
+_SCRATCH_SIGMA = 6.0
+"""How far from that median a pixel stands that is on a scratch, in units of the grain. Chosen by hand."""
+_PATCH_PX = 31
+"""Side from which what is bright all over is no star but a wedge of known densities, a label or ink, px. The
+stars drawn are up to 12 px wide. Doubled, smaller steps of a wedge stay; halved, the brightest stars go."""
+_PATCH_SIGMA = 5.0
+"""How far above the sky such a patch stands, in units of the sky's noise in those medians. Chosen by hand."""
+_NORMAL = 1.4826
+"""Standard deviation over median deviation of a normal distribution."""
+_PATCH_RIM_PX = 8
+"""Width of a patch's edge, which goes with it; chosen by hand."""
 
 
 def solve_exposures(
@@ -134,8 +149,11 @@ def solve_plate(
     began_s, computed_s = time.monotonic(), time.thread_time()
     frame = demosaiced(frame)
     refused: Verdict | None = None
-    for negative in (True, False) if looks_negative(frame.pixels) else (False, True):
+    likelier = looks_negative(frame.pixels)
+    for negative, mended in ((side, mended) for side in (likelier, not likelier) for mended in (False, True)):
         seen = replace(frame, pixels=_turned(frame.pixels), saturation_adu=None) if negative else frame
+        if mended:
+            seen = replace(seen, pixels=mended_plate(seen.pixels), saturation_adu=None)
         left = replace(settings, budget_s=_left_s(settings.budget_s, computed_s))
         verdicts = solve_exposures(
             seen, catalog, hint=hint, settings=left, most=settings.exposures, tried=tried
@@ -152,6 +170,8 @@ def solve_plate(
     if first.solved:
         if negative:
             notes = (*notes, "a negative: dark stars on a light sky")
+        if mended:
+            notes = (*notes, "found after scratches, wedges and labels were taken off")
         if further:
             notes = (*notes, f"{1 + len(further)} exposures on one plate")
         if len(verdicts) == settings.exposures and last.solved:
@@ -171,6 +191,39 @@ def looks_negative(pixels: NDArray[Any]) -> bool:
         return False
     low, middle, high = np.percentile(sample, (_TAIL, 50.0, 100.0 - _TAIL))
     return bool(middle - low > high - middle)
+
+
+def mended_plate(pixels: NDArray[Any]) -> NDArray[np.float32]:
+    """A positive plate without what is too narrow or too wide for a star.
+
+    Scratches are a pixel or two wide and taken for the width of the stars; the steps of a wedge pile up at
+    one level and are taken for full wells that bleed. Either way stars of 7 or 12 px count as no stars.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (height, width)
+        Bright stars.
+
+    Returns
+    -------
+    ndarray of float32, shape (height, width)
+        Scratches are filled by the median beside them; wide patches are NaN. Stars that are hardly wider than
+        a scratch lose their tops: seek those on the plate as it is.
+    """
+    plate = np.array(pixels, dtype=np.float32)
+    sky = np.float32(np.nanmedian(plate))
+    plate[~np.isfinite(plate)] = sky
+    smooth = ndimage.median_filter(plate, _SCRATCH_PX)
+    off = np.abs(plate - smooth)
+    grain = _NORMAL * float(np.median(off))
+    scratched = off > _SCRATCH_SIGMA * grain
+    plate[scratched] = smooth[scratched]
+    spread = _NORMAL * float(np.median(np.abs(smooth - sky)))
+    wide = ndimage.grey_opening(smooth, size=(_PATCH_PX, _PATCH_PX)) > sky + _PATCH_SIGMA * spread
+    if wide.any():
+        wide = ndimage.binary_dilation(wide, iterations=_PATCH_RIM_PX)
+        plate[wide] = np.nan
+    return plate
 
 
 def _turned(pixels: NDArray[Any]) -> NDArray[np.float32]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +21,7 @@ from mountnav.archive.folder import Folder, RunFolder
 from mountnav.archive.recipe import Recipe, begin_run, recipe_in
 from mountnav.archive.report import as_html, reported
 from mountnav.archive.store import chunk_written, claimed
+from mountnav.archive.tables import COST_TABLE, write_table
 from mountnav.archive.work_list import Chunk, Entry, WorkList, add_batch, numbered
 from mountnav.errors import BadRequest, BadSettings, NotFound, ResultsDiffer
 from mountnav.solution import Reason
@@ -42,6 +46,27 @@ def test_the_list_gives_back_what_was_put_in_and_each_batch_goes_on_counting(tmp
     assert entries[1].hint.center is not None
     assert (entries[1].hint.center.ra_deg, entries[1].hint.radius_deg) == (1.0, 2.0)
     assert [chunk.number for chunk in work.in_order()] == [3, 0, 1, 2]
+
+
+def test_a_list_with_any_byte_changed_is_damaged_and_one_of_an_older_version_is_read(tmp_path: Path) -> None:
+    folder, run = archive(tmp_path / "a")
+    finished(folder, run)
+    chunk = WorkList.open(folder).chunks[0]
+    whole = chunk.path.read_bytes()
+    for at in range(0, len(whole), 97):  # also what no reader of Parquet checks
+        chunk.path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        with pytest.raises(BadRequest, match="is damaged"):
+            chunk.entries()
+    assert verify(folder, run).trouble_count == 1
+    chunk.path.write_bytes(whole)
+    batch = chunk.path.with_name("batch.json")
+    told = json.loads(batch.read_text())
+    batch.write_text(json.dumps(told | {"sha256": told["sha256"][:-1]}))
+    with pytest.raises(BadRequest, match="another number of hashes"):
+        WorkList.open(folder)
+    del told["sha256"]
+    batch.write_text(json.dumps(told))
+    assert verify(folder, run).troubles == []
 
 
 @given(count=st.integers(0, 40), of=st.integers(1, 50), first=st.sampled_from([0, 1]))
@@ -150,6 +175,35 @@ def test_all_is_accounted_for(tmp_path: Path) -> None:
     rows = pq.read_table(run.chunk(1) / "refusals.parquet").to_pylist()
     assert [row["reason_code"] for row in rows] == ["UNREAD", "HUNG", "NO_MATCH"]
     assert [row["set_aside"] for row in rows] == [False, True, False]
+
+
+def test_verify_tells_chunks_that_were_computed_by_other_kernels(tmp_path: Path) -> None:
+    """The same computer and libraries, another environment: the last digits differ, and it says why."""
+    folder, run = archive(tmp_path / "a", frames=6)
+    said = []
+    for chosen in ("Haswell", "Nehalem"):
+        told = subprocess.run(
+            [
+                sys.executable,
+                "-c",
+                "import numpy, mountnav.archive.store as s; print(s.machine()['kernels'])",
+            ],
+            env=os.environ | {"OPENBLAS_CORETYPE": chosen},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if told.returncode:
+            pytest.skip("numpy computes by no OpenBLAS here")
+        said.append(told.stdout.strip())
+    assert said == ["Haswell", "Nehalem"]
+    finished(folder, run)
+    for number, kernels in enumerate(said):
+        run.cost(number).unlink()
+        write_table(run.cost(number), COST_TABLE, [], {"processor": "P", "kernels": kernels})
+    audit = verify(folder, run)
+    assert audit.troubles == []
+    assert sorted(audit.machines) == [f"P: , kernels of {kernels}" for kernels in said]
 
 
 def _flip(path: Path) -> None:

@@ -5,19 +5,27 @@ from __future__ import annotations
 import errno
 import functools
 import hashlib
+import os
+import shutil
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import numpy as np
 import pytest
+from astropy.io import fits
 
-from api.archive.fetching import fetched
+from api.archive.chosen import prepared_for
+from api.archive.fetching import MOST_FETCHED_BYTES, Fetched, fetched
 from api.archive.listing import listed_frames
+from api.archive.solving import ChunkSolver
 from mountnav.archive.folder import Folder
 from mountnav.archive.tables import read_rows
+from mountnav.archive.work_list import Entry, WorkList
 from mountnav.errors import BadRequest
+from mountnav.solution import Verdict
 from tests.api.archive.conftest import SOLVING
 from tests.api.command_here import run_here
 
@@ -31,6 +39,12 @@ class _Quiet(SimpleHTTPRequestHandler):
     def do_GET(self) -> None:
         if self.path.startswith("/never"):
             self.server.asked.wait(20.0)  # type: ignore[attr-defined]
+        elif self.path.startswith("/answer-"):
+            self.send_error(int(self.path[8:11]))
+        elif self.path.startswith("/circle"):
+            self.send_response(302)
+            self.send_header("Location", self.path)
+            self.end_headers()
         else:
             super().do_GET()
 
@@ -71,6 +85,108 @@ def test_what_is_not_there_or_never_comes_is_told_apart(served: str) -> None:
     assert told.value.errno not in (errno.ENOENT, errno.EACCES)
     with pytest.raises(BadRequest):
         fetched("nonsense://x/y.fits", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("answer-500.fits", "the server answers 500 Internal Server Error"),
+        ("answer-429.fits", "the server answers 429 Too Many Requests"),
+        ("answer-403.fits?signed=SECRET", "the server answers 403 Forbidden"),
+        ("never.fits", "no answer came within 0.3 s"),
+        ("circle.fits?signed=SECRET", "TooManyRedirects"),
+    ],
+)
+def test_what_a_server_did_is_told_in_words_and_never_what_a_url_has_signed(
+    served: str, name: str, words: str
+) -> None:
+    with pytest.raises(OSError) as told:
+        fetched(f"{served}/{name}", 0.3 if "never" in name else 20.0)
+    assert words in str(told.value.strerror)
+    assert "SECRET" not in str(told.value)
+
+
+def test_a_file_longer_than_any_image_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    with open(tmp_path / "long.fits", "wb") as file:
+        file.truncate(MOST_FETCHED_BYTES + 1)
+    with pytest.raises(OSError) as told:
+        fetched(str(tmp_path / "long.fits"), 20.0)
+    assert told.value.errno == errno.EFBIG
+
+
+def test_a_file_that_is_written_to_after_it_was_hashed_shows_it(tmp_path: Path) -> None:
+    path = tmp_path / "a.xy"
+    path.write_bytes(CONTENT)
+    found = fetched(str(path), 20.0)
+    with found.file:
+        assert found.unchanged()
+        path.chmod(0o600)  # that is no other content
+        assert found.unchanged()
+        with open(path, "r+b") as other:
+            other.write(b"other")
+        os.utime(path, ns=(found.state[1] + 1, found.state[1] + 1))  # the clock of files may stand still
+        assert not found.unchanged()
+
+
+class _Disturbed(ChunkSolver):
+    """Somebody writes to one of the frames each time that it was read, until he is done."""
+
+    written: Path
+    times = 0
+
+    async def _tried(self, entry: Entry, opened: Fetched) -> tuple[Verdict | None, str, str]:
+        if Path(entry.file) == self.written and self.times:
+            self.times -= 1
+            self._write()
+        return await super()._tried(entry, opened)
+
+    def _write(self) -> None:
+        with open(self.written, "a") as file:
+            file.write("\n")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("times", "outcome"), [(1, "solved"), (2, "refused")])
+async def test_a_frame_that_is_being_written_is_solved_as_it_is_in_the_end_or_not_at_all(
+    lists: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, times: int, outcome: str
+) -> None:
+    monkeypatch.setattr("api.archive.solving.PAUSE_S", 0.0)
+    head, *rows = lists.read_text().splitlines()[:3]
+    for row in rows:
+        shutil.copy(lists.parent / row.split(",")[0], tmp_path)
+    table = tmp_path / "t.csv"
+    table.write_text("\n".join([head, *(row.removeprefix("lists/") for row in rows)]) + "\n")
+    made = run_here("archive", "init", tmp_path / "archive", "--frames", table, *SOLVING)
+    assert made.returncode == 0, made.stderr
+    folder = Folder.open(tmp_path / "archive")
+    run, chunk = folder.run(None), WorkList.open(folder).chunks[0]
+    solver = _Disturbed(prepared_for(run), None)
+    solver.written, solver.times = tmp_path / "000000.xy", times
+    try:
+        assert await solver.chunk(run, chunk, lambda _: None)
+    finally:
+        await solver.close()
+    first, second = read_rows(run.chunk(0) / "frames.parquet")
+    assert (first["outcome"], second["outcome"]) == (outcome, "solved")
+    if outcome == "solved":
+        assert first["sha256"] == hashlib.sha256(solver.written.read_bytes()).hexdigest()
+    else:
+        (refusal,) = read_rows(run.chunk(0) / "refusals.parquet")
+        assert refusal["reason_code"] == "UNREAD"
+        assert "being written" in str(refusal["reason"])
+
+
+def test_all_extensions_of_a_tables_frames_are_meant_by_all(tmp_path: Path) -> None:
+    images = [fits.ImageHDU(np.zeros((20, 20), np.int16)) for _ in range(2)]
+    fits.HDUList([fits.PrimaryHDU(), *images]).writeto(tmp_path / "two.fits")
+    table = tmp_path / "t.csv"
+    table.write_text("file,extension,ra_deg,dec_deg\ntwo.fits,,10,20\ntwo.fits,2,10,20\n")
+    found = list(listed_frames([str(table)], "all"))
+    assert [entry.extension for entry in found] == ["1", "2", "2"]
+    assert all(entry.hint is not None for entry in found)
+    table.write_text("file\nhttps://host/two.fits\n")
+    with pytest.raises(BadRequest, match="extensions of a URL"):
+        list(listed_frames([str(table)], "all"))
 
 
 def test_tables_and_lists_name_frames_with_hints(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from api.access.keys import sha256_of
 from api.http.headers import SAFE_HEADERS
 from api.listeners.certificate import own_certificate
 from api.site.app import create_site
-from api.site.remote import ASKED_S, STOP_TRIED_S, tls_of
+from api.site.remote import ASKED_S, STOP_TRIED_S, Remote, tls_of
 from mountnav.errors import BadSettings
 from mountnav.settings.site_file import SiteFile, SiteServiceSettings
 from tests.api.site import strangers
@@ -152,6 +152,28 @@ async def test_hostile_slow_and_dead_services_hold_neither_the_page_nor_the_stop
         asked = {one for stranger in there.values() for one in stranger.asked}
         assert asked == {"GET /v1/health", "GET /v1/telescopes", "POST /v1/stop"}
         assert there["well"].keys == {"", SECRET}
+
+
+async def test_a_stop_that_nobody_answers_tells_how_long_it_was_waited_for(
+    monkeypatch: pytest.MonkeyPatch, key_file: Path
+) -> None:
+    monkeypatch.setattr("api.site.remote.STOP_TRIED_S", 0.3)
+    met = asyncio.Event()
+
+    async def never(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await met.wait()
+        writer.close()
+
+    async with await asyncio.start_server(never, "127.0.0.1", 0) as server:
+        url = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        remote = Remote(SiteServiceSettings(name="one", url=url, key_file=key_file))
+        remote.open(60.0)
+        try:
+            told = await remote.stop_all()
+        finally:
+            await remote.close()
+            met.set()
+    assert (told.stopped, told.problem) == (None, "not known: no answer within 0.3 s")
 
 
 async def test_nothing_can_be_ordered_but_stop_all() -> None:
