@@ -460,6 +460,45 @@ def test_the_description_of_the_api_follows_the_night(visit: Visit, night: Serve
     assert min(brightness(page)) > 240
 
 
+def test_the_description_of_the_api_is_dark_where_the_system_is(visit: Visit, night: Served) -> None:
+    page = visit.page
+    page.emulate_media(color_scheme="dark")
+    page.goto(f"{night.url}/docs")
+    page.wait_for_selector(".swagger-ui .opblock", timeout=60_000)
+    assert most_of(page) < 60
+    # a morning comes, and an evening, while it is open
+    page.emulate_media(color_scheme="light")
+    page.wait_for_function("() => !document.documentElement.classList.contains('dark-mode')")
+    assert most_of(page) > 200
+    # the night of the page, chosen in another tab
+    other = visit.context.new_page()
+    other.goto(night.url)
+    other.evaluate("localStorage.setItem('mountnav-night', '1')")
+    page.wait_for_function("() => 'night' in document.documentElement.dataset")
+    assert max(brightness(page)[1:]) < 40
+    other.evaluate("localStorage.removeItem('mountnav-night')")
+    page.wait_for_function("() => !('night' in document.documentElement.dataset)")
+    # whoever asks for a key far down the page finds its dialog in sight, at night too
+    other.evaluate("localStorage.setItem('mountnav-night', '1')")
+    page.reload()
+    page.wait_for_selector(".swagger-ui .opblock", timeout=60_000)
+    page.mouse.wheel(0, 5000)
+    page.evaluate("document.querySelector('.swagger-ui .authorize').click()")
+    box = page.locator(".modal-ux").bounding_box()
+    assert box is not None
+    assert 0 <= box["y"] < page.viewport_size["height"] - 100  # type: ignore[index]
+
+
+def most_of(page: Page) -> int:
+    """How bright the greater part of what is seen is, 0 to 255."""
+    import io
+
+    import numpy as np
+    from PIL import Image
+
+    return int(np.median(np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("L"))))
+
+
 def brightness(page: Page) -> list[int]:
     import io
 
