@@ -152,7 +152,7 @@ async def _tell_of_keys(keys: KeyStore) -> None:
 
 
 async def _described_by_night(request: Request) -> Response:
-    """The description of the interface, for people: as `FastAPIOffline` has it; dark in the dark, red at night."""
+    """The description of the interface, as `FastAPIOffline` has it: dark in the dark, red at night."""
     root = request.scope.get("root_path", "")
     drawn = get_swagger_ui_html(
         openapi_url=f"{root}/openapi.json",

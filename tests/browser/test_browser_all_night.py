@@ -489,6 +489,45 @@ def test_the_description_of_the_api_is_dark_where_the_system_is(visit: Visit, ni
     assert 0 <= box["y"] < page.viewport_size["height"] - 100  # type: ignore[index]
 
 
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (844, 390), (1440, 900)])
+def test_a_long_name_hides_no_other_telescope(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int, height: int
+) -> None:
+    monkeypatch.setenv("MOUNTNAV_JOURNAL", str(tmp_path / "journal.sqlite"))
+    name = "a-telescope-with-a-name-of-forty-letters"
+    on_glass = width < 1000
+    with (
+        served(TOML.replace('id = "east"', f'id = "{name}"')) as one,
+        visiting(
+            browser,
+            viewport={"width": width, "height": height},
+            has_touch=on_glass,
+            is_mobile=on_glass,
+        ) as visit,
+    ):
+        page = visit.open(one.url)
+        row = page.locator("#telescopes").bounding_box()
+        other = page.locator("#telescopes button", has_text="slow").bounding_box()
+        assert row is not None
+        assert other is not None
+        assert other["x"] + 20 < row["x"] + row["width"]
+        cut = page.evaluate(
+            "getComputedStyle(document.querySelector('#telescopes button span')).textOverflow"
+        )
+        assert cut == "ellipsis"
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        # what a finger presses is as large as a finger
+        if on_glass:
+            small = page.evaluate(
+                "() => [...document.querySelectorAll('button, a[href], summary, select, textarea')]"
+                ".filter(one => one.checkVisibility({ visibilityProperty: true }))"
+                ".map(one => [one.textContent.trim(), one.getBoundingClientRect()])"
+                ".filter(([, box]) => box.width && (box.width < 43.5 || box.height < 43.5))"
+                ".map(([words, box]) => `${words}: ${box.width} x ${box.height}`)"
+            )
+            assert small == []
+
+
 def most_of(page: Page) -> int:
     """How bright the greater part of what is seen is, 0 to 255."""
     import io
