@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.long
 
+STATE_LINE = Path(__file__).resolve().parents[2] / "api" / "web" / "js" / "state_line.js"
 DESK = {"viewport": {"width": 1440, "height": 900}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 ON_ITS_SIDE: ViewportSize = {"width": 844, "height": 390}
@@ -516,6 +517,17 @@ def test_a_long_name_hides_no_other_telescope(
         )
         assert cut == "ellipsis"
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        # the word of the state is never cut, least of all the one for a lost connection
+        source = STATE_LINE.read_text(encoding="utf-8")
+        words = re.findall(r'(?::|say\() ?"([A-Z][A-Za-z ]+)"', source)
+        assert {"No connection", "Disconnected", "Not trusted", "First light"} <= set(words)
+        cut_words = page.evaluate(
+            "words => { const one = document.querySelector('#state-word').cloneNode();"
+            "document.querySelector('#state-word').replaceWith(one);"
+            "return words.filter(word => { one.textContent = word; return one.scrollWidth > one.clientWidth; }); }",
+            words,
+        )
+        assert cut_words == []
         # what a finger presses is as large as a finger
         if on_glass:
             small = page.evaluate(

@@ -136,7 +136,12 @@ def test_the_example_of_each_parameter_is_one() -> None:
 
 def fits(value: Any, schema: dict[str, Any]) -> bool:
     """Whether a value is as a parameter's schema wants it: of the words that ours use."""
-    kinds = {"string": str, "number": (int, float), "integer": int, "array": list}
+    kinds: dict[str, type | tuple[type, ...]] = {
+        "string": str,
+        "number": (int, float),
+        "integer": int,
+        "array": list,
+    }
     if schema["type"] not in kinds or not isinstance(value, kinds[schema["type"]]):
         return False
     if isinstance(value, str):
