@@ -524,7 +524,8 @@ def test_a_long_name_hides_no_other_telescope(
         cut_words = page.evaluate(
             "words => { const one = document.querySelector('#state-word').cloneNode();"
             "document.querySelector('#state-word').replaceWith(one);"
-            "return words.filter(word => { one.textContent = word; return one.scrollWidth > one.clientWidth; }); }",
+            "const isCut = word => { one.textContent = word; return one.scrollWidth > one.clientWidth; };"
+            "return words.filter(isCut); }",
             words,
         )
         assert cut_words == []
