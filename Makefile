@@ -17,7 +17,7 @@ help:
 	@echo "make check   lint, types and import contracts only"
 	@echo "make docs    the documentation as a site, which wheels carry and a service shows at /help"
 	@echo "make format  let ruff format the code"
-	@echo "make lock    resolve the dependencies anew into requirements.lock and requirements-runtime.lock"
+	@echo "make lock    resolve the dependencies again into requirements.lock and requirements-runtime.lock"
 	@echo "make wheels  the packages mountnav and mountnav-tycho2 in dist/, for pip and pipx"
 	@echo "make deb     a Debian package in dist/, for this Debian's own Python"
 	@echo "make image   a container image, by docker, podman or buildah"

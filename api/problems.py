@@ -321,10 +321,13 @@ def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
     described = {
         400: "The body can't be read",
         401: "A key is needed",
+        403: "The key, or the place that it comes from, may not do this",
         404: "Nothing has that name",
         409: "Busy",
         413: "Too large",
+        422: "It makes no sense, or can't be done: `detail` says why",
         429: "Too many requests",
+        503: "Not now: it is shutting down, not ready, or can't write it down",
     }
     return {
         status: {"description": described.get(status, "The request can't be carried out"), "content": content}

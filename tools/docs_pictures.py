@@ -24,9 +24,13 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.text import Text
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
@@ -36,6 +40,9 @@ RECORDINGS = {
 }
 """Name of the picture, and the commands that it shows."""
 SERVICE = ["serve", "--demo", "--at", "2026-12-01T20:00:00Z", "--speed", "2", "--seed", "7"]
+
+_TRIES = 20
+"""So many pictures of a page are taken until one is of a page in order: each takes a moment."""
 
 _STYLE = """
   .box { fill: #eef1f8; stroke: #3f51b5; stroke-width: 1.5 }
@@ -243,6 +250,27 @@ def _kept(picture: bytes, name: str) -> None:
     image.save(IMAGES / f"{name}.png", optimize=True)
 
 
+def _in_order(shown: Page, **options: Any) -> bytes:
+    """A picture of a page that is connected to a mount in order: on a busy machine answers come late."""
+    from playwright.sync_api import TimeoutError as Late
+
+    in_order = (
+        "() => !document.body.classList.contains('lost') && !document.body.classList.contains('old')"
+        " && document.body.dataset.tone !== 'bad'"
+    )
+    for _ in range(_TRIES):
+        try:
+            shown.wait_for_function(in_order)
+        except Late:
+            break
+        picture = shown.screenshot(**options)
+        if shown.evaluate(in_order):
+            return picture
+    raise SystemExit(
+        "the page lost the service, or the service its mount: draw when this machine is less busy"
+    )
+
+
 def page() -> None:
     """Take the web page: a star that was centered, by day and by night, on a phone, and without a service."""
     from playwright.sync_api import sync_playwright
@@ -272,13 +300,14 @@ def page() -> None:
             shown.wait_for_function("() => !document.body.textContent.includes('No frame yet')")
             shown.wait_for_timeout(3000)  # charts are drawn from several answers
         for name, shown in (("page-centering", screen), ("page-phone", phone)):
-            _kept(shown.screenshot(), name)
+            _kept(_in_order(shown), name)
         # for the README: what fits on a screen
-        _kept(screen.screenshot(clip={"x": 0, "y": 0, "width": 1560, "height": 720}), "page-wide")
+        wide = {"x": 0, "y": 0, "width": 1560, "height": 720}
+        _kept(_in_order(screen, clip=wide), "page-wide")
         for name, shown in (("page-night", screen), ("page-phone-night", phone)):
             shown.locator("#night-mode").click()
             shown.evaluate("window.scrollTo(0, 0)")
-            _kept(shown.screenshot(), name)
+            _kept(_in_order(shown), name)
         screen.locator("#night-mode").click()
         screen.set_viewport_size({"width": 1560, "height": 620})
         # a service that hangs: nothing is heard, nothing is closed

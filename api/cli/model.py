@@ -53,7 +53,7 @@ def fit(
         str,
         typer.Argument(
             metavar="FILE|JOURNAL",
-            help="A run, observations as JSON lines, a file of PMFIT, TPOINT or INDI's EQMod, "
+            help="A run, observations as JSON lines, a file of PMFIT, TPOINT, INDI's EQMod or EQASCOM, "
             "a journal (file or URL).",
         ),
     ],

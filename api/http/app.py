@@ -26,6 +26,7 @@ from api.http import guards
 from api.http.examples import give_examples
 from api.http.field_words import describe
 from api.http.night_views import FramePathBody
+from api.http.operation_words import say_what_it_does
 from api.http.routes import (
     audit,
     capabilities,
@@ -151,7 +152,7 @@ async def _tell_of_keys(keys: KeyStore) -> None:
 
 
 async def _described_by_night(request: Request) -> Response:
-    """The description of the interface, for people: as `FastAPIOffline` has it, and red where the page is."""
+    """The description of the interface, as `FastAPIOffline` has it: dark in the dark, red at night."""
     root = request.scope.get("root_path", "")
     drawn = get_swagger_ui_html(
         openapi_url=f"{root}/openapi.json",
@@ -162,7 +163,8 @@ async def _described_by_night(request: Request) -> Response:
         swagger_favicon_url=f"{root}/favicon.ico",
     )
     theme = (
-        f'<script src="{root}/web/js/first.js"></script><link rel="stylesheet" href="{root}/web/docs.css">'
+        f'<link rel="stylesheet" href="{root}/web/docs.css">'
+        f'<script src="{root}/web/js/first.js"></script><script src="{root}/web/js/docs.js"></script>'
     )
     return HTMLResponse(bytes(drawn.body).decode().replace("</head>", f"{theme}</head>", 1))
 
@@ -179,6 +181,7 @@ def _describe_beside(app: FastAPI) -> None:
             described = _without_null_bodies(make())
             _add_body_of_frames(described)
             describe(described)
+            say_what_it_does(described)
             give_examples(described)
             app.openapi_schema = described
         return app.openapi_schema

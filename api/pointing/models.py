@@ -10,14 +10,12 @@ from typing import Literal
 
 from mountnav.clock import SystemClock
 from mountnav.errors import BadRequest, BadSettings, NotFound
-from mountnav.files import MOST_RECORD_BYTES, open_buffered, read_text
+from mountnav.files import open_buffered
 from mountnav.pointing.model.acceptance import Made, make
 from mountnav.pointing.model.mechanical import Conversion, Mechanical, mechanical
 from mountnav.pointing.model.model import PointingModel, model_of
 from mountnav.pointing.model.planning import RunPlan, RunPoint, allowed_by, plan, read_run
-from mountnav.pointing.model.tpoint_file import (
-    read_observations_text,
-)
+from mountnav.pointing.model.tpoint_file import read_observations_file
 from mountnav.pointing.observation import PointingObservation, read_observations
 from mountnav.settings.model import ModelSettings
 from mountnav.settings.observatory import Settings
@@ -146,7 +144,7 @@ def model_observations(
     Parameters
     ----------
     given : str
-        A file (a run, JSON lines, PMFIT, TPOINT, INDI's EQMod, a journal) or a journal's URL.
+        A file (a run, JSON lines, PMFIT, TPOINT, INDI's EQMod, EQASCOM, a journal) or a journal's URL.
     since, until : datetime, optional
         Of a journal alone: looks from then on, and before then.
 
@@ -179,10 +177,12 @@ def model_observations(
             f"run {path.name}",
         )
     try:
-        text = read_text(path, MOST_RECORD_BYTES)
+        latitude_deg = None if about.site is None else about.site.latitude_deg
+        return ModelObservations(
+            read_observations_file(path, latitude_deg=latitude_deg), None, None, path.name
+        )
     except UnicodeDecodeError as cause:
         raise BadRequest(f"{path} is neither text nor a journal") from cause
-    return ModelObservations(read_observations_text(text, name=str(path)), None, None, path.name)
 
 
 def _conversion(about: ModelledTelescope) -> Conversion:

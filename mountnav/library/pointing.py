@@ -13,12 +13,11 @@ import numpy as np
 from mountnav.clock import utc_now
 from mountnav.errors import BadRequest
 from mountnav.extras import extra
-from mountnav.files import read_text
 from mountnav.pointing.model.fit import Fit, fit
 from mountnav.pointing.model.mechanical import Conversion, Mechanical, mechanical
 from mountnav.pointing.model.model import PointingModel, model_of
 from mountnav.pointing.model.rigorous import angles, seen_from
-from mountnav.pointing.model.tpoint_file import read_observations_text
+from mountnav.pointing.model.tpoint_file import read_observations_file
 from mountnav.pointing.observation import PointingObservation, read_observations
 from mountnav.sky.coordinates import Site
 
@@ -135,12 +134,12 @@ def fit_pointing(
     Parameters
     ----------
     run : path or sequence of PointingObservation
-        A file of PMFIT, TPOINT or INDI's EQMod driver, or observations as JSON lines (`.jsonl`), which
-        need `site`.
+        A file of PMFIT, TPOINT or INDI's EQMod driver; EQASCOM's ``ALIGN.ini``, or observations as JSON
+        lines (`.jsonl`), which both need `site`.
     terms : sequence of str or "auto"
         TPOINT names; "auto" chooses by what predicts unseen targets best.
     site : Site, optional
-        Where the telescope stands; such files bring their latitude.
+        Where the telescope stands; files of PMFIT, TPOINT and INDI's EQMod bring their latitude.
     kind, does_refraction, mounting
         Of the mount, for observations; see `mountnav.pointing.model.mechanical.Conversion`.
 
@@ -174,7 +173,8 @@ def _looks(
         path = Path(run)
         source = path.name
         if path.suffix not in JSON_LINES:
-            return read_observations_text(read_text(path), name=path.name), source
+            latitude_deg = None if site is None else site.latitude_deg
+            return read_observations_file(path, name=path.name, latitude_deg=latitude_deg), source
         run = read_observations(path)
     if site is None:
         raise BadRequest("the observations give no site", advice="give site=mn.Site(latitude, longitude)")

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.long
 
+STATE_LINE = Path(__file__).resolve().parents[2] / "api" / "web" / "js" / "state_line.js"
 DESK = {"viewport": {"width": 1440, "height": 900}}
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 ON_ITS_SIDE: ViewportSize = {"width": 844, "height": 390}
@@ -458,6 +459,96 @@ def test_the_description_of_the_api_follows_the_night(visit: Visit, night: Serve
     page.goto(f"{night.url}/docs")
     page.wait_for_selector(".swagger-ui .opblock", timeout=60_000)
     assert min(brightness(page)) > 240
+
+
+def test_the_description_of_the_api_is_dark_where_the_system_is(visit: Visit, night: Served) -> None:
+    page = visit.page
+    page.emulate_media(color_scheme="dark")
+    page.goto(f"{night.url}/docs")
+    page.wait_for_selector(".swagger-ui .opblock", timeout=60_000)
+    assert most_of(page) < 60
+    # a morning comes, and an evening, while it is open
+    page.emulate_media(color_scheme="light")
+    page.wait_for_function("() => !document.documentElement.classList.contains('dark-mode')")
+    assert most_of(page) > 200
+    # the night of the page, chosen in another tab
+    other = visit.context.new_page()
+    other.goto(night.url)
+    other.evaluate("localStorage.setItem('mountnav-night', '1')")
+    page.wait_for_function("() => 'night' in document.documentElement.dataset")
+    assert max(brightness(page)[1:]) < 40
+    other.evaluate("localStorage.removeItem('mountnav-night')")
+    page.wait_for_function("() => !('night' in document.documentElement.dataset)")
+    # whoever asks for a key far down the page finds its dialog in sight, at night too
+    other.evaluate("localStorage.setItem('mountnav-night', '1')")
+    page.reload()
+    page.wait_for_selector(".swagger-ui .opblock", timeout=60_000)
+    page.mouse.wheel(0, 5000)
+    page.evaluate("document.querySelector('.swagger-ui .authorize').click()")
+    box = page.locator(".modal-ux").bounding_box()
+    assert box is not None
+    assert 0 <= box["y"] < page.viewport_size["height"] - 100  # type: ignore[index]
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (844, 390), (1440, 900)])
+def test_a_long_name_hides_no_other_telescope(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int, height: int
+) -> None:
+    monkeypatch.setenv("MOUNTNAV_JOURNAL", str(tmp_path / "journal.sqlite"))
+    name = "a-telescope-with-a-name-of-forty-letters"
+    on_glass = width < 1000
+    with (
+        served(TOML.replace('id = "east"', f'id = "{name}"')) as one,
+        visiting(
+            browser,
+            viewport={"width": width, "height": height},
+            has_touch=on_glass,
+            is_mobile=on_glass,
+        ) as visit,
+    ):
+        page = visit.open(one.url)
+        row = page.locator("#telescopes").bounding_box()
+        other = page.locator("#telescopes button", has_text="slow").bounding_box()
+        assert row is not None
+        assert other is not None
+        assert other["x"] + 20 < row["x"] + row["width"]
+        cut = page.evaluate(
+            "getComputedStyle(document.querySelector('#telescopes button span')).textOverflow"
+        )
+        assert cut == "ellipsis"
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        # the word of the state is never cut, least of all the one for a lost connection
+        source = STATE_LINE.read_text(encoding="utf-8")
+        words = re.findall(r'(?::|say\() ?"([A-Z][A-Za-z ]+)"', source)
+        assert {"No connection", "Disconnected", "Not trusted", "First light"} <= set(words)
+        cut_words = page.evaluate(
+            "words => { const one = document.querySelector('#state-word').cloneNode();"
+            "document.querySelector('#state-word').replaceWith(one);"
+            "const isCut = word => { one.textContent = word; return one.scrollWidth > one.clientWidth; };"
+            "return words.filter(isCut); }",
+            words,
+        )
+        assert cut_words == []
+        # what a finger presses is as large as a finger
+        if on_glass:
+            small = page.evaluate(
+                "() => [...document.querySelectorAll('button, a[href], summary, select, textarea')]"
+                ".filter(one => one.checkVisibility({ visibilityProperty: true }))"
+                ".map(one => [one.textContent.trim(), one.getBoundingClientRect()])"
+                ".filter(([, box]) => box.width && (box.width < 43.5 || box.height < 43.5))"
+                ".map(([words, box]) => `${words}: ${box.width} x ${box.height}`)"
+            )
+            assert small == []
+
+
+def most_of(page: Page) -> int:
+    """How bright the greater part of what is seen is, 0 to 255."""
+    import io
+
+    import numpy as np
+    from PIL import Image
+
+    return int(np.median(np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("L"))))
 
 
 def brightness(page: Page) -> list[int]:

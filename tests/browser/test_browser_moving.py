@@ -64,7 +64,7 @@ def test_a_key_moves_while_it_is_held_and_no_longer(visit: Visit, observatory: S
     # longer than one order lasts: it is repeated
     time.sleep(2.0)
     assert moving(observatory)
-    expect_text(visit.page, "#state-word", "Moved by hand")
+    expect_text(visit.page, "#state-word", "By hand")
     expect_text(visit.page, "#following-lines", "by hand at")
     visit.page.mouse.up()
     until(lambda: not moving(observatory), "at rest")

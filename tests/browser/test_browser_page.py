@@ -440,6 +440,26 @@ def test_the_last_refusal_of_a_wrong_key_takes_nothing_from_the_right_one(
     assert page.evaluate("window.emptied") == 0
 
 
+def test_a_key_in_letters_that_no_header_carries_takes_no_stop_away(
+    visit: Visit, observatory: Served
+) -> None:
+    page = visit.open(observatory.url)
+    choose(page, "east")
+    page.click("#key-open")
+    page.fill("#key", "ключ")
+    page.press("#key", "Enter")
+    expect_text(page, "#notice", "That is no key")
+    assert page.evaluate("sessionStorage.getItem('mountnav-key')") is None
+    # one that an older page kept is not sent either
+    page.evaluate("sessionStorage.setItem('mountnav-key', 'ключ')")
+    page = visit.open(observatory.url)
+    choose(page, "east")
+    page.locator("#stop").click()
+    expect_text(page, "#stop-told", "told the mount")
+    assert page.locator("#lost").is_hidden()
+    page.evaluate("sessionStorage.removeItem('mountnav-key')")
+
+
 def test_every_control_has_a_name(visit: Visit, observatory: Served) -> None:
     page = visit.open(observatory.url)
     page.get_by_role("button", name="Key").click()

@@ -54,12 +54,16 @@ def list_audit(
     request: Request,
     caller_asks: TheCaller,
     telescope: Annotated[str | None, Query(max_length=100)] = None,
-    caller: Annotated[str | None, Query(max_length=100, description="The name of a key")] = None,
-    since: Annotated[
-        Instant | None, Query(description="From this time on; UTC unless it tells a zone")
+    caller: Annotated[
+        str | None, Query(max_length=100, description="Only orders given by the key of this name")
     ] = None,
-    until: Annotated[Instant | None, Query(description="Before this time")] = None,
-    limit: Annotated[int, Query(ge=1, le=1000, description="Rows of a page")] = 100,
+    since: Annotated[
+        Instant | None, Query(description="Only from this time on; UTC unless it tells a zone")
+    ] = None,
+    until: Annotated[
+        Instant | None, Query(description="Only before this time; UTC unless it tells a zone")
+    ] = None,
+    limit: Annotated[int, Query(ge=1, le=1000, description="Rows on a page")] = 100,
     cursor: Annotated[
         str | None, Query(pattern=r"^[0-9]{1,18}$", description="`next_cursor` of the page before")
     ] = None,

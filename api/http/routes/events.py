@@ -131,7 +131,7 @@ async def follow_events(
 async def follow_telescope_events(
     service: TheService, telescope: TheTelescope, last_event_id: LastEventId = None
 ) -> EventStream:
-    """As `/v1/events`, what is about one telescope alone."""
+    """As `/v1/events`, but only what is about this telescope."""
 
     def about(event: Event) -> bool:
         return event.data.get("telescope") == telescope.id
@@ -143,7 +143,7 @@ async def follow_telescope_events(
 async def follow_job_events(
     service: TheService, job: TheJob, last_event_id: LastEventId = None
 ) -> EventStream:
-    """As `/v1/events`, what is about one job alone: from its beginning, as far as that is kept, to its end.
+    """As `/v1/events`, but only about one job, from its beginning (as far as that is kept) to its end.
 
     The stream ends with the job; that of one that has ended tells its end in any case.
     """

@@ -15,8 +15,10 @@ from mountnav.errors import BadRequest
 
 router = APIRouter(prefix="/telescopes", tags=["telescopes"])
 
-Name = Annotated[str, Query(min_length=1, max_length=80, description="As `GET /v1/objects` finds it")]
-Hours = Annotated[float, Query(gt=0, le=LONGEST_H, allow_inf_nan=False, description="How far ahead")]
+Name = Annotated[
+    str, Query(min_length=1, max_length=80, description="Name of the target, as `GET /v1/objects` finds it")
+]
+Hours = Annotated[float, Query(gt=0, le=LONGEST_H, allow_inf_nan=False, description="How far ahead, hours")]
 _EXAMPLES = {
     "name": {
         "summary": "The next twelve hours of Jupiter",

@@ -75,7 +75,13 @@ Held = Annotated[
     Query(description="Nothing is exposed before the answer: a correction may be made meanwhile"),
 ]
 Ra = Annotated[
-    float | None, Query(ge=0, lt=360, allow_inf_nan=False, description="Where its center was meant to be")
+    float | None,
+    Query(
+        ge=0,
+        lt=360,
+        allow_inf_nan=False,
+        description="Right ascension of the place where the frame's center was meant to be, ICRS, degrees",
+    ),
 ]
 Dec = Annotated[float | None, Query(ge=-90, le=90, allow_inf_nan=False)]
 
@@ -125,7 +131,7 @@ async def send_frame(
 
 @router.get("/{telescope_id}/frames", responses=responses(404, 409))
 async def list_frames(
-    night: TheNight, count: Annotated[int, Query(ge=1, le=1000, description="How many")] = 50
+    night: TheNight, count: Annotated[int, Query(ge=1, le=1000, description="At most so many frames")] = 50
 ) -> list[FrameView]:
     """The newest frames, newest first."""
     return [frame_view(frame, night.parts.telescope_id) for frame in night.newest(count)]

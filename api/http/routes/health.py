@@ -33,7 +33,7 @@ _NOT_READY: dict[int | str, dict[str, Any]] = {
 
 @router.get("/health")
 async def get_health(service: TheService) -> HealthView:
-    """Tell that the service lives, whether it is ready, what is connected. Always 200. Asks no device."""
+    """Whether the service is ready, and what is connected. Always 200. Asks no device."""
     found, rotation = readiness(service), iers_status()
     return HealthView(
         status="ok" if found.well else "degraded",
@@ -60,7 +60,7 @@ async def get_health(service: TheService) -> HealthView:
 
 @router.get("/health/live")
 async def get_live() -> LiveView:
-    """Tell that the process lives: for what restarts it if it doesn't."""
+    """Whether the process lives: for a supervisor that restarts it if it doesn't answer."""
     return LiveView(version=__version__)
 
 
@@ -76,7 +76,7 @@ async def get_ready(service: TheService) -> ReadyView:
 
 @router.get("/version")
 async def get_version() -> VersionView:
-    """Tell what runs here."""
+    """The version of mountnav that runs here, and of the interface. Asks no device."""
     return VersionView(name="mountnav", version=__version__)
 
 

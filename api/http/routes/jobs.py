@@ -15,7 +15,7 @@ from api.service import TheJob, TheService, TheTelescope
 
 router = APIRouter(tags=["jobs"])
 
-Count = Annotated[int, Query(ge=1, le=10_000, description="At most so many")]
+Count = Annotated[int, Query(ge=1, le=10_000, description="At most so many jobs")]
 
 
 @router.get("/jobs", responses=responses())

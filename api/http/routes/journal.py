@@ -15,11 +15,11 @@ from mountnav.journal.sql_journal import SqlJournal
 
 router = APIRouter(tags=["journal"])
 
-Limit = Annotated[int, Query(ge=1, le=1000, description="Lines of a page")]
+Limit = Annotated[int, Query(ge=1, le=1000, description="Lines on a page")]
 CursorText = Annotated[str | None, Query(max_length=200, description="`next_cursor` of the page before")]
-From = Annotated[Instant | None, Query(description="From this time on; UTC unless it tells a zone")]
-Before = Annotated[Instant | None, Query(description="Before this time")]
-Newest = Annotated[bool, Query(description="Newest first")]
+From = Annotated[Instant | None, Query(description="Only from this time on; UTC unless it tells a zone")]
+Before = Annotated[Instant | None, Query(description="Only before this time; UTC unless it tells a zone")]
+Newest = Annotated[bool, Query(description="Whether the newest line comes first")]
 
 
 async def _reader(request: Request) -> JournalReader:
@@ -39,7 +39,10 @@ def list_journal(
     caller: TheCaller,
     telescope: Annotated[str | None, Query(max_length=100)] = None,
     kind: Annotated[
-        list[str] | None, Query(description="look, command, sync, refusal, fault, ...; may be repeated")
+        list[str] | None,
+        Query(
+            description="Only lines of this kind: look, command, sync, refusal, fault, ...; may be repeated"
+        ),
     ] = None,
     since: From = None,
     until: Before = None,
@@ -47,9 +50,12 @@ def list_journal(
     night_id: Annotated[str | None, Query(max_length=100)] = None,
     outcome: Annotated[
         str | None,
-        Query(description="Of commands: done, refused, unknown, ..., open; of looks: solved, unsolved"),
+        Query(
+            description="Only lines that ended so. Commands: done, refused, unknown, ..., open; "
+            "looks: solved, unsolved"
+        ),
     ] = None,
-    text: Annotated[str | None, Query(max_length=200, description="Somewhere in its words")] = None,
+    text: Annotated[str | None, Query(max_length=200, description="A text that the line must hold")] = None,
     newest_first: Newest = False,
     limit: Limit = 100,
     cursor: CursorText = None,

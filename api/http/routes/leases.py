@@ -63,7 +63,7 @@ class TakenLeaseView(LeaseView):
 
 @router.get("/{telescope_id}/lease", responses=responses(404))
 async def get_lease(service: TheService, telescope: TheTelescope) -> LeaseView:
-    """Who holds the telescope, until when, and what is done then."""
+    """Who holds the telescope, until when, and what is done when the lease runs out."""
     return _view(telescope.id, service.leases.of(telescope.id))
 
 
@@ -102,7 +102,7 @@ async def release_lease(
     caller: TheCaller,
     force: Annotated[bool, Query(description="End another's lease; needs the role configure")] = False,
 ) -> LeaseView:
-    """Give the telescope back. What runs goes on; what `on_expiry` says is not done."""
+    """Give the telescope back. A running job goes on, and what `on_expiry` says is not done."""
     service.leases.release(caller, telescope.id, force=force)
     service.audit.note(caller, "lease-released", telescope=telescope.id, request={"force": force}, status=200)
     return _view(telescope.id, None)

@@ -32,25 +32,25 @@ async def get_night(night: TheNight) -> NightView:
 
 @router.post("/{telescope_id}/night/start", responses=responses(404, 409))
 async def start_night(night: TheNight, body: Why = None) -> NightView:
-    """Begin now, whatever the Sun says. Twice is fine."""
+    """Begin the night now, wherever the Sun stands. A night that has begun goes on: twice is fine."""
     return await _said(night, Word.START, body)
 
 
 @router.post("/{telescope_id}/night/stop", responses=responses(404, 409))
 async def stop_night(night: TheNight, body: Why = None) -> NightView:
-    """End tonight's; a correction under way is ended and stopped. The next night begins by itself."""
+    """End this night; a correction under way is stopped. The next night begins by itself."""
     return await _said(night, Word.STOP, body)
 
 
 @router.post("/{telescope_id}/night/pause", responses=responses(404, 409))
 async def pause_night(night: TheNight, body: Why = None) -> NightView:
-    """Correct nothing until `resume`; frames are still measured."""
+    """Make no corrections until `resume`. Frames are still measured."""
     return await _said(night, Word.PAUSE, body)
 
 
 @router.post("/{telescope_id}/night/resume", responses=responses(404, 409))
 async def resume_night(night: TheNight, body: Why = None) -> NightView:
-    """Go on after `pause`."""
+    """Make corrections again, after `pause`."""
     return await _said(night, Word.RESUME, body)
 
 

@@ -51,7 +51,7 @@ async def search_objects(
     q: Annotated[
         str, Query(max_length=80, description="Part of a name or designation; empty: the brightest")
     ] = "",
-    count: Annotated[int, Query(ge=1, le=100, description="At most so many")] = 20,
+    count: Annotated[int, Query(ge=1, le=100, description="At most so many objects")] = 20,
 ) -> list[ObjectView]:
     """Objects by name: that name itself, then those that begin so, then the brighter; imported ones last.
 

@@ -21,8 +21,8 @@ from mountnav.sky.coordinates import Site
 
 router = APIRouter(prefix="/telescopes", tags=["pointing"])
 
-Hours = Annotated[float, Query(gt=0, le=24 * 7, description="How far back the looks are taken")]
-Most = Annotated[int, Query(ge=1, le=5000, description="The newest so many")]
+Hours = Annotated[float, Query(gt=0, le=24 * 7, description="How far back the looks are taken, hours")]
+Most = Annotated[int, Query(ge=1, le=5000, description="At most so many looks, the newest")]
 
 _LINE_FROM_LOOKS = 3
 """Looks that a straight line is fitted through at the least: two would leave no residual."""

@@ -67,7 +67,7 @@ async def start_job(ordering: TheOrdering, body: _Order) -> JobView:
 
 @router.post("/slew", status_code=202, responses=STARTING)
 async def slew_telescope(ordering: TheOrdering, body: _Slew) -> JobView:
-    """Go to a place as the mount believes it; nothing is looked at."""
+    """Slew to a place by the mount's own pointing and the model in force. No frame is taken."""
     return await ordering.take(body.order(SlewOrder))
 
 
@@ -91,7 +91,7 @@ async def rotate_telescope(ordering: TheOrdering, body: RotateBody) -> JobView:
 
 @router.post("/mosaic", status_code=202, responses=STARTING)
 async def mosaic_telescope(ordering: TheOrdering, body: MosaicBody) -> JobView:
-    """Center each panel of a mosaic, one after the other, and leave it to the camera.
+    """Center each panel of a mosaic, one after the other, and leave it to the camera until it is done there.
 
     With `until` = next each panel is kept until `POST /v1/jobs/{id}/next` was called `frames` times.
     """
@@ -100,7 +100,7 @@ async def mosaic_telescope(ordering: TheOrdering, body: MosaicBody) -> JobView:
 
 @router.post("/spiral-search", status_code=202, responses=STARTING)
 async def search_with_telescope(ordering: TheOrdering, body: SearchBody) -> JobView:
-    """Look round a place, step by step, until a frame is solved; then center it. Nothing found: go back."""
+    """Look round a place, step by step, until a frame is solved, and center the place; else go back."""
     return await ordering.take(body.order(SpiralSearchOrder))
 
 
@@ -116,13 +116,16 @@ async def follow_telescope(ordering: TheOrdering, body: FollowBody) -> JobView:
 
 @router.post("/look", status_code=202, responses=STARTING)
 async def look_telescope(ordering: TheOrdering, body: _Look = None) -> JobView:
-    """Expose and solve: where it truly points. Moves and syncs nothing. The body may be left out."""
+    """Take a frame and solve it: where the telescope truly points. Moves and syncs nothing.
+
+    The body may be left out.
+    """
     return await ordering.take(LookOrder() if body is None else body.order(LookOrder))
 
 
 @router.post("/sync", status_code=202, responses=STARTING)
 async def sync_telescope(ordering: TheOrdering) -> JobView:
-    """Look, and tell the mount where it truly points. Needs no body."""
+    """Take a frame, solve it, and tell the mount where it truly points. Needs no body."""
     return await ordering.take(SyncOrder())
 
 
@@ -148,7 +151,7 @@ async def first_light_telescope(ordering: TheOrdering, body: _Exposure = None) -
 
 @router.post("/hold", status_code=202, responses=STARTING)
 async def hold_telescope(ordering: TheOrdering, body: _Hold = None) -> JobView:
-    """Hold still by looks, until its time is over or the job is cancelled; it tracks on in any case.
+    """Keep the target still by looks, until the time is over or the job is cancelled. It tracks on.
 
     The body may be left out. Each look is an event; one a minute is kept with the job.
     """
@@ -157,22 +160,22 @@ async def hold_telescope(ordering: TheOrdering, body: _Hold = None) -> JobView:
 
 @router.post("/dither", status_code=202, responses=STARTING)
 async def dither_telescope(ordering: TheOrdering, body: _Dither = None) -> JobView:
-    """Look elsewhere by a pattern's next step; the job succeeds when looks show that it has settled there.
+    """Move by the next step of a dither pattern; the job succeeds when looks show it settled.
 
-    While it holds, the hold goes on from there. The body may be left out.
+    A hold that is under way goes on at the new place. The body may be left out.
     """
     return await ordering.take(DitherOrder() if body is None else body)
 
 
 @router.post("/offset", status_code=202, responses=STARTING)
 async def offset_telescope(ordering: TheOrdering, body: OffsetBody) -> JobView:
-    """Nudge: slew by so much on the sky, east and north positive."""
+    """Slew by a small distance on the sky, east and north positive. No frame is taken."""
     return await ordering.take(body.order(OffsetOrder))
 
 
 @router.post("/move-axis", status_code=202, responses=STARTING)
 async def move_telescope_axis(ordering: TheOrdering, body: MoveAxisBody) -> JobView:
-    """Move an axis on while it is held: send it again and again; it ends by itself after `for_s`, or by 0.
+    """Move an axis while a key is held: send it again and again. It ends after `for_s`, or by rate 0.
 
     One job holds both axes. Further orders of the same caller go into it: they prolong the motion, or change
     its speed. A key of theirs counts once as well: an order that comes again moves nothing again.
@@ -188,29 +191,29 @@ async def set_telescope_rates(ordering: TheOrdering, body: OffsetRatesBody) -> J
 
 @router.post("/tracking", status_code=202, responses=STARTING)
 async def track_telescope(ordering: TheOrdering, body: TrackingBody) -> JobView:
-    """Follow the sky, or rest."""
+    """Let the mount track the sky at a rate, or stand still. Nothing is slewed."""
     return await ordering.take(body.order(TrackingOrder))
 
 
 @router.post("/park", status_code=202, responses=STARTING)
 async def park_telescope(ordering: TheOrdering) -> JobView:
-    """Go to the park position and stay. Needs no body."""
+    """Slew to the park position and stay there, not tracking. Needs no body."""
     return await ordering.take(ParkOrder())
 
 
 @router.post("/unpark", status_code=202, responses=STARTING)
 async def unpark_telescope(ordering: TheOrdering) -> JobView:
-    """Be ready to move again. Needs no body."""
+    """Take a parked mount back into use; it stays where it is. Needs no body."""
     return await ordering.take(UnparkOrder())
 
 
 @router.post("/home", status_code=202, responses=STARTING)
 async def home_telescope(ordering: TheOrdering) -> JobView:
-    """Go home, or find it by its sensors. Needs no body."""
+    """Slew to the home position, or find it by the mount's sensors. Needs no body."""
     return await ordering.take(HomeOrder())
 
 
 @router.post("/trust", status_code=202, responses=STARTING)
 async def trust_telescope(ordering: TheOrdering) -> JobView:
-    """An operator's word that the mount's position is right: give it after a look. Needs no body."""
+    """Say, as an operator, that the mount's position is right. Give this word after a look. Needs no body."""
     return await ordering.take(TrustOrder())

@@ -20,7 +20,7 @@ from mountnav.pointing.model.model import PointingModel
 
 router = APIRouter(prefix="/telescopes", tags=["pointing"])
 
-Hours = Annotated[float, Query(gt=0, le=24 * 366, description="How far back the looks are taken")]
+Hours = Annotated[float, Query(gt=0, le=24 * 366, description="How far back the looks are taken, hours")]
 
 
 @router.get("/{telescope_id}/pointing-doctor", responses=responses(404))

@@ -16,7 +16,10 @@ router = APIRouter(prefix="/telescopes", tags=["telescopes"])
 Ra = Annotated[
     float | None,
     Query(
-        ge=0, lt=360, allow_inf_nan=False, description="ICRS; with `dec_deg`: a place to be told of as well"
+        ge=0,
+        lt=360,
+        allow_inf_nan=False,
+        description="Right ascension, ICRS, degrees; with `dec_deg`, the answer tells of this place too",
     ),
 ]
 Dec = Annotated[float | None, Query(ge=-90, le=90, allow_inf_nan=False)]

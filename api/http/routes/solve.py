@@ -42,12 +42,21 @@ _BODY: dict[str, Any] = {
     }
 }
 
-Ra = Annotated[float | None, Query(ge=0, lt=360, allow_inf_nan=False, description="Believed ICRS center")]
+Ra = Annotated[
+    float | None,
+    Query(
+        ge=0, lt=360, allow_inf_nan=False, description="Right ascension of the believed center, ICRS, degrees"
+    ),
+]
 Dec = Annotated[float | None, Query(ge=-90, le=90, allow_inf_nan=False)]
 Radius = Annotated[
-    float | None, Query(gt=0, le=180, allow_inf_nan=False, description="How wrong that may be")
+    float | None,
+    Query(gt=0, le=180, allow_inf_nan=False, description="How far from there the center may be, degrees"),
 ]
-Scale = Annotated[float | None, Query(gt=0, le=3600, allow_inf_nan=False, description="Arcseconds per pixel")]
+Scale = Annotated[
+    float | None,
+    Query(gt=0, le=3600, allow_inf_nan=False, description="Bound of the scale, arcseconds per pixel"),
+]
 
 Blind = Annotated[
     Literal["after", "only", "never"] | None,
@@ -78,7 +87,9 @@ async def solve_upload(
     radius_deg: Radius = None,
     scale_low_arcsec_px: Scale = None,
     scale_high_arcsec_px: Scale = None,
-    telescope: Annotated[str | None, Query(description="Whose calibration masters to apply")] = None,
+    telescope: Annotated[
+        str | None, Query(description="Id of the telescope whose calibration masters are applied")
+    ] = None,
     blind: Blind = None,
     budget_s: Budget = None,
 ) -> SolveRecord:

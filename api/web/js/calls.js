@@ -42,9 +42,12 @@ export function headersWithLease(telescope, more = {}) {
   return secret ? { ...more, "Mountnav-Lease": secret } : more;
 }
 
+/** Whether a header can carry it. With any other letter in a header nothing is sent at all, not even a STOP. */
+export const isPlain = (text) => /^[\x20-\x7e]*$/.test(text);
+
 export function headersWithKey(more = {}) {
   const value = key.get();
-  return value ? { ...more, "X-API-Key": value } : more;
+  return value && isPlain(value) ? { ...more, "X-API-Key": value } : more;
 }
 
 async function asked(method, path, { body, headers = {}, timeoutMs = TIMEOUT_MS, raw, dropped } = {}) {

@@ -53,7 +53,7 @@ export function showFleet(observatory) {
         const button = element("button", { type: "button", "data-id": one.id, onclick: () => {
           observatory.choose(one.id);
           show(false);
-        } }, several() ? lamp : null, one.id);
+        } }, several() ? lamp : null, element("span", {}, one.id));
         lamps.set(one.id, { lamp, button });
         return button;
       }));

@@ -1,6 +1,6 @@
 // The page, put together: one observatory, its panels, the key, night mode.
 
-import { key } from "./calls.js";
+import { isPlain, key } from "./calls.js";
 import { by, redraw, say } from "./elements.js";
 import { Observatory } from "./observatory.js";
 import { takeAlerts } from "./alerts.js";
@@ -68,7 +68,16 @@ function takeKey() {
   opener.addEventListener("click", () => open(row.hidden));
   by("key-form").addEventListener("submit", (event) => {
     event.preventDefault();
-    key.use(by("key").value.trim());
+    const typed = by("key").value.trim();
+    if (!isPlain(typed)) {
+      const notice = by("notice");
+      notice.className = "banner bad";
+      notice.hidden = false;
+      say(notice, "That is no key: a key has plain letters, digits and signs only. Is the keyboard set to another language?");
+      by("key").select();
+      return;
+    }
+    key.use(typed);
     by("key").value = "";
     by("notice").hidden = true;
     open(false);

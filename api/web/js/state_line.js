@@ -5,12 +5,13 @@ import { lease as kept } from "./calls.js";
 import { clockOf, span } from "./angles.js";
 import { restWords } from "./headline.js";
 
+// no longer than "No connection": the head has room for that, on a phone too
 const DOING = {
   center: "Centering", slew: "Slewing", look: "Looking", sync: "Syncing", "sync-to": "Syncing", recover: "Recovering",
   "first-light": "First light",
-  offset: "Nudging", "set-park": "Park position set", hold: "Holding", dither: "Dithering", rotate: "Rotating", mosaic: "Mosaic", "spiral-search": "Searching", "forget-rates": "Forgetting rates", flip: "Flipping", park: "Parking", unpark: "Unparking", home: "Homing", solve: "Solving",
-  follow: "Following", "offset-rates": "Rates set", "move-axis": "Moved by hand",
-  series: "Looking again", "model-run": "Model run", tracking: "Tracking set", trust: "Trusting", "set-site-time": "Site and time set", "accept-site-time": "Accepting", guide: "Guiding",
+  offset: "Nudging", "set-park": "Park set", hold: "Holding", dither: "Dithering", rotate: "Rotating", mosaic: "Mosaic", "spiral-search": "Searching", "forget-rates": "Forgetting", flip: "Flipping", park: "Parking", unpark: "Unparking", home: "Homing", solve: "Solving",
+  follow: "Following", "offset-rates": "Rates set", "move-axis": "By hand",
+  series: "Looking again", "model-run": "Model run", tracking: "Tracking set", trust: "Trusting", "set-site-time": "Setting site", "accept-site-time": "Accepting", guide: "Guiding",
 };
 
 /** The word for what a telescope does now, its tone, and what else is to be said. */
@@ -34,7 +35,7 @@ export function stateWords(state, job, lease = null) {
   if (state.trusted === false) return say("Not trusted", "bad");
   if (state.problem) return say("Trouble", "bad");
   if (state.parked) return say("Parked", "none");
-  if (state.rates) return say("Tracking at rates", "good");
+  if (state.rates) return say("At set rates", "good");
   if (state.tracking === true) return say("Tracking", "good");
   if (state.tracking === false) return say("At rest", "none");
   return say("Ready", "good");

@@ -11,6 +11,8 @@ is how programs that write such files for a mount on the sky of date do it.
 TPOINT coefficients: caption; a line of method, number of observations, sky RMS and two refraction constants;
 a line for each term of name, coefficient and sigma in arcseconds, ``=`` before fixed ones; ``END``.
 
+EQMod's alignment points, of INDI's driver and of EQASCOM, have files of their own here.
+
 The two declinations, and elevations, are mechanical: beyond ±90° where the tube looks through the pole.
 """
 
@@ -21,10 +23,13 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
+from pathlib import Path
 
 import numpy as np
 
 from mountnav.errors import BadRequest
+from mountnav.files import MOST_RECORD_BYTES, read_bytes
+from mountnav.pointing.model.eqascom_file import is_eqascom_alignment, read_eqascom_alignment
 from mountnav.pointing.model.eqmod_file import is_eqmod_alignment, read_eqmod_alignment
 from mountnav.pointing.model.mechanical import Mechanical
 from mountnav.pointing.model.model import PointingModel
@@ -57,13 +62,47 @@ def _observations(kind: Kind, latitude_deg: float, rows: Array) -> Mechanical:
     )
 
 
-def read_observations_text(text: str, *, name: str = "file") -> Mechanical:
-    """Read a file of observations: of PMFIT, of TPOINT, or of INDI's EQMod driver, whichever it is.
+def read_observations_file(
+    path: Path, *, name: str | None = None, latitude_deg: float | None = None
+) -> Mechanical:
+    """Read a file of observations, as `read_observations_text` does.
+
+    Parameters
+    ----------
+    path : Path
+    name : str, optional
+        Stands in the messages; the path if left out.
+    latitude_deg : float, optional
+
+    Raises
+    ------
+    OSError
+    UnicodeDecodeError
+        It is no text.
+    BadRequest
+        It is none of them; with the line.
+    """
+    content = read_bytes(path, MOST_RECORD_BYTES)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        # EQASCOM writes in the PC's own letters, which stand in the names of presets alone
+        text = content.decode("latin-1")
+        if not is_eqascom_alignment(text):
+            raise
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    return read_observations_text(text, name=str(path) if name is None else name, latitude_deg=latitude_deg)
+
+
+def read_observations_text(text: str, *, name: str = "file", latitude_deg: float | None = None) -> Mechanical:
+    """Read observations: of PMFIT, of TPOINT, of INDI's EQMod driver or of EQASCOM, whichever it is.
 
     Parameters
     ----------
     name : str
         Stands in the messages.
+    latitude_deg : float, optional
+        Of the mount, for a file of EQASCOM, which tells none; the others bring theirs.
 
     Raises
     ------
@@ -72,15 +111,23 @@ def read_observations_text(text: str, *, name: str = "file") -> Mechanical:
     """
     if is_eqmod_alignment(text):
         return read_eqmod_alignment(text, name=name)
+    if is_eqascom_alignment(text):
+        if latitude_deg is None:
+            raise BadRequest(
+                f"{name} doesn't say where the mount stands",
+                advice="give the settings with --config, or --site LATITUDE LONGITUDE (east positive)",
+            )
+        rows = read_eqascom_alignment(text, latitude_deg, name=name)
+        return _observations("equatorial", latitude_deg, np.array(rows))
     lines = text.splitlines()
     if len(lines) > 1 and lines[1].strip() in ("E", "A"):
         return _pmfit(lines, name)
     if any(line.strip().startswith(":") for line in lines[1:]):
         return _tpoint(lines, name)
     raise BadRequest(
-        f"{name} is not a file of PMFIT, TPOINT or INDI's EQMod driver",
+        f"{name} is not a file of PMFIT, TPOINT, INDI's EQMod driver or EQASCOM",
         advice="the second line is E or A (PMFIT), or an option such as :EQUAT (TPOINT); "
-        "EQMod's begins with <aligndata>",
+        "EQMod's begins with <aligndata>, EQASCOM's has a section [alignment_preset0]",
     )
 
 
@@ -197,6 +244,11 @@ def read_coefficients(text: str, *, name: str = "file") -> Coefficients:
     BadRequest
         It is none, or holds terms that aren't known; all of them are named.
     """
+    if is_eqmod_alignment(text) or is_eqascom_alignment(text):
+        raise BadRequest(
+            f"{name} holds alignment points, no coefficients",
+            advice="fit a model to them: `mountnav model fit`",
+        )
     lines = text.splitlines()
     head = lines[1].split() if len(lines) > 1 else []
     try:
