@@ -1,6 +1,7 @@
 """A thousand centerings over random observatories, judged by the truth that only the simulator knows.
 
-Run: python -m benchmarks.centerings [--centerings 1000] [--wired 100] [--first N] [--seeds 17 23] [--verbose]
+Run: python -m benchmarks.centerings [--centerings 1000] [--wired 100] [--first N] [--seeds 17 23] [--latitudes 0 -75]
+     [--verbose]
 
 Each seed is an observatory (mount, errors, backlash, steps, what it does with syncs, clouds, false
 solutions, incidents) with four targets one after the other; `--wired` of the centerings go through the real
@@ -23,6 +24,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
+from itertools import cycle
 from typing import Any, cast
 
 from benchmarks.incidents import run_incidents
@@ -175,9 +177,15 @@ class Run:
         await self.service.open()
 
 
-def lived(seed: int, wire: str | None = None, targets: int = TARGETS, verbose: bool = False) -> Outcome:
+def lived(
+    seed: int,
+    wire: str | None = None,
+    targets: int = TARGETS,
+    verbose: bool = False,
+    latitude_deg: float | None = None,
+) -> Outcome:
     """Let an observatory center its targets, in virtual time."""
-    world = drawn(seed, wire=wire)
+    world = drawn(seed, wire=wire, latitude_deg=latitude_deg)
     clock = VirtualClock(world.start)
     outcome = Outcome()
     loop = VirtualLoop(clock)
@@ -458,6 +466,9 @@ def main() -> int:
     parser.add_argument("--first", type=int, help="the first seed; of the day if left out")
     parser.add_argument("--seeds", type=int, nargs="*")
     parser.add_argument("--wire", choices=WIRES)
+    parser.add_argument(
+        "--latitudes", type=float, nargs="*", default=[], help="degrees, one seed after the other; else drawn"
+    )
     parser.add_argument("--verbose", action="store_true")
     asked = parser.parse_args()
     logging.disable(logging.WARNING)
@@ -473,10 +484,11 @@ def main() -> int:
         runs = [(first + number, None) for number in range(free)]
         runs += [(first + 100_000 + number, WIRES[number % len(WIRES)]) for number in range(wired)]
     outcomes = []
-    for seed, wire in runs:
+    latitudes = cycle(asked.latitudes or [None])
+    for (seed, wire), latitude_deg in zip(runs, latitudes, strict=False):
         if asked.verbose:
-            print(f"seed {seed}: {drawn(seed, wire=wire)}")
-        outcomes.append(lived(seed, wire, verbose=asked.verbose))
+            print(f"seed {seed}: {drawn(seed, wire=wire, latitude_deg=latitude_deg)}")
+        outcomes.append(lived(seed, wire, verbose=asked.verbose, latitude_deg=latitude_deg))
         if len(outcomes) % _TOLD_EVERY == 0:
             # a run that is broken off counts as far as it came
             report(outcomes, time.monotonic() - began)

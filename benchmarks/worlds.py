@@ -147,13 +147,15 @@ class World:
         return steps + self.errors.periodic_amplitude_arcsec + 4.0 * self.through.scale_arcsec_px + 3.0
 
 
-def drawn(seed: int, *, wire: str | None = None) -> World:
-    """The observatory of a seed; over a wire of this protocol if one is given."""
+def drawn(seed: int, *, wire: str | None = None, latitude_deg: float | None = None) -> World:
+    """The observatory of a seed; over a wire of this protocol if one is given, at a latitude of choice."""
     chance = random.Random(seed)
     site = Site(48.93, 22.27, 700.0)
     if chance.random() < 0.4:
         latitude = chance.choice((-1.0, 1.0, 1.0)) * chance.uniform(28.0, 60.0)
         site = Site(latitude, chance.uniform(-180.0, 180.0), chance.uniform(0.0, 2500.0))
+    if latitude_deg is not None:
+        site = replace(site, latitude_deg=latitude_deg)
     day = datetime(2026, 1, 1, tzinfo=UTC) + timedelta(days=chance.uniform(0.0, 365.0))
     sun_up = chance.random() < 0.1
     start = _when(day, site, sun_up)
