@@ -1,7 +1,7 @@
 """A thousand centerings over random observatories, judged by the truth that only the simulator knows.
 
-Run: python -m benchmarks.centerings [--centerings 1000] [--wired 100] [--first N] [--seeds 17 23] [--latitudes 0 -75]
-     [--verbose]
+Run: python -m benchmarks.centerings [--centerings 1000] [--wired 100] [--first N] [--seeds 17 23]
+     [--latitudes 0 -75] [--verbose]
 
 Each seed is an observatory (mount, errors, backlash, steps, what it does with syncs, clouds, false
 solutions, incidents) with four targets one after the other; `--wired` of the centerings go through the real
