@@ -278,7 +278,9 @@ class SerialLine(_ReadAhead):
         self._threads: list[ThreadPoolExecutor] = []
         self._reading: threading.Thread | None = None
         self._closing = threading.Event()
-        self._writing = threading.Lock()
+        self._writing = threading.Condition()
+        self._stops_ordered = self._stops_written = 0
+        """Writes that go before all others: counted by the loop alone, and by their thread alone."""
         self._changing = asyncio.Lock()
         """Held while the line is opened or closed: a port that is just being closed is still locked."""
 
@@ -377,15 +379,21 @@ class SerialLine(_ReadAhead):
         await self._write_by(0, data)
 
     async def write_now(self, data: bytes) -> None:
-        """Write all bytes, ahead of every `write` that waits; raises as `write` does."""
+        """Write all bytes, ahead of every `write` that the port hasn't got yet; raises as `write` does."""
         await self._write_by(1, data)
 
     async def _write_by(self, which: int, data: bytes) -> None:
         port = self._usable_port()
+        write = self._write_stop if which else self._write_whole
+        self._stops_ordered += which
         try:
-            await asyncio.get_running_loop().run_in_executor(
-                self._threads[which], self._write_whole, port, data
-            )
+            writing = asyncio.get_running_loop().run_in_executor(self._threads[which], write, port, data)
+        except BaseException:
+            self._stops_ordered -= which
+            raise
+        try:
+            # a stop that is waited for no more is written all the same: the others wait for it
+            await (asyncio.shield(writing) if which else writing)
         except serial.SerialTimeoutException as cause:
             raise DeviceSilent(
                 "accepts no more bytes", device=self._address, advice="check cable and power"
@@ -396,9 +404,21 @@ class SerialLine(_ReadAhead):
 
     def _write_whole(self, port: serial.Serial, data: bytes) -> None:
         with self._writing:
-            # noted before it is written: the answer may be read before this thread goes on
-            self._log.note("driver->mount", data)
-            port.write(data)
+            self._writing.wait_for(lambda: self._stops_written >= self._stops_ordered)
+            self._write(port, data)
+
+    def _write_stop(self, port: serial.Serial, data: bytes) -> None:
+        with self._writing:
+            try:
+                self._write(port, data)
+            finally:
+                self._stops_written += 1
+                self._writing.notify_all()
+
+    def _write(self, port: serial.Serial, data: bytes) -> None:
+        # noted before it is written: the answer may be read before this thread goes on
+        self._log.note("driver->mount", data)
+        port.write(data)
 
     def _usable_port(self) -> serial.Serial:
         self._incoming.require()
