@@ -173,7 +173,8 @@ def _from_elsewhere(url: str, timeout_s: float) -> FileIO:
                 raise OSError(errno.EIO, _words(other, url, timeout_s)) from fault
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), url) from fault
         except PermissionError as fault:
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), url) from fault
+            # the store's word, not the file's: credentials that have expired close all frames alike
+            raise OSError(errno.EIO, "the store refuses it (credentials missing or expired?)") from fault
         except Exception as fault:  # each kind of server has errors of its own
             if isinstance(fault, OSError) and fault.errno is not None and fault.strerror:
                 raise

@@ -16,11 +16,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy.io import fits
+from fsspec import AbstractFileSystem
+from fsspec.registry import register_implementation
 
 from api.archive.chosen import prepared_for
 from api.archive.fetching import MOST_FETCHED_BYTES, Fetched, fetched
 from api.archive.listing import listed_frames
-from api.archive.solving import ChunkSolver
+from api.archive.solving import _OWN_FAULTS, ChunkSolver
 from mountnav.archive.folder import Folder
 from mountnav.archive.tables import read_rows
 from mountnav.archive.work_list import Entry, WorkList
@@ -47,6 +49,23 @@ class _Quiet(SimpleHTTPRequestHandler):
             self.end_headers()
         else:
             super().do_GET()
+
+
+class _Closed(AbstractFileSystem):  # type: ignore[misc]
+    """A store whose credentials have expired, as s3fs tells it."""
+
+    protocol = "closed"
+
+    def _open(self, path: str, *args: object, **more: object) -> object:
+        raise PermissionError("The provided token has expired.")
+
+
+def test_a_store_that_refuses_is_the_storage_s_fault_and_no_frame_s() -> None:
+    register_implementation("closed", _Closed, clobber=True)
+    with pytest.raises(OSError, match="credentials missing or expired") as told:
+        fetched("closed://archive/frame.fits", 5.0)
+    # so many in a row end the chunk, instead of an archive full of frames that can't be read
+    assert told.value.errno not in _OWN_FAULTS
 
 
 @contextmanager
