@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -237,17 +238,29 @@ def _mount_url(text: str) -> str:
     return url
 
 
+_NUMBER = r"(\d+(?:\.\d*)?)"
+"""One number of a typed angle."""
+_TYPED_ANGLE = re.compile(
+    rf"([+\-−]?)\s*{_NUMBER}(?:(?:\s*[°d:]\s*|\s+){_NUMBER}(?:(?:\s*[′'m:]\s*|\s+){_NUMBER}\s*[″\"s]?)?"
+    r"\s*[′'m]?)?\s*[°d]?\s*([NSEW]?)",
+    re.ASCII,
+)
+"""Degrees, minutes and seconds with any usual marks or none, then the half of the Earth."""
+_HALVES = {"latitude": "NS", "longitude": "EW"}
+"""The positive half of the Earth, then the negative one."""
+
+
 def _degrees(text: str, what: str) -> float:
-    """An angle in degrees, minutes and seconds."""
-    sign = -1.0 if text.strip().startswith("-") else 1.0
-    parts = text.strip().lstrip("+-").replace("°", ":").replace("′", ":").replace("'", ":").split(":")
-    try:
-        numbers = [float(part.strip(' ″"')) for part in parts if part.strip(' ″"')]
-    except ValueError as wrong:
-        raise BadRequest(f"{text!r} is not a {what}", advice="such as 11.404 or 11:24:15") from wrong
-    if not 1 <= len(numbers) <= 3 or any(number >= 60.0 for number in numbers[1:]):
-        raise BadRequest(f"{text!r} is not a {what}", advice="such as 11.404 or 11:24:15")
-    return sign * sum(number / 60.0**power for power, number in enumerate(numbers))
+    """An angle in degrees, minutes and seconds, with a sign or the half of the Earth: ``33 51 35 S``."""
+    told = _TYPED_ANGLE.fullmatch(text.strip())
+    halves = _HALVES[what]
+    numbers = [float(one) for one in told.groups()[1:4] if one] if told else []
+    sign, half = (told[1], told[5]) if told else ("", "")
+    if not numbers or any(one >= 60.0 for one in numbers[1:]) or (half and (sign or half not in halves)):
+        example = f"such as 11.404, 11:24:15 or 11 24 15 {halves[0]}"
+        raise BadRequest(f"{text!r} is not a {what}", advice=example)
+    size = sum(number / 60.0**power for power, number in enumerate(numbers))
+    return -size if sign in ("-", "−") or half == halves[1] else size
 
 
 def _around(asker: _Asker, asked: InitOptions) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:

@@ -10,6 +10,7 @@ import pty
 import socket
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -199,3 +200,31 @@ def test_check_with_connect_says_what_answers_and_sets_nothing(tmp_path: Path) -
     done = _run("check", "--connect", folder=tmp_path)
     assert done.returncode == 2
     assert "main: mount" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("latitude", "longitude", "means"),
+    [
+        ("48.93", "-70.4", (48.93, -70.4)),
+        ("33 51 35 S", "151 12 E", (-33.859722, 151.2)),
+        ("33.86S", "70.4 W", (-33.86, -70.4)),
+        ("48°51′24″", "2d21m3s", (48.856667, 2.350833)),
+        ("−33:51", "11° 24' 15\"", (-33.85, 11.404167)),
+    ],
+)
+def test_angles_of_a_site_as_people_type_them(
+    tmp_path: Path, latitude: str, longitude: str, means: tuple[float, float]
+) -> None:
+    flags = ("--latitude", latitude, "--longitude", longitude, "--mount", "fake", "--mounting", "german")
+    more = ("--height", "0", "--scale", "2", "--camera", "simulated", "--no-look")
+    done = _run("init", *flags, *more, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    site = tomllib.loads((tmp_path / "observatory.toml").read_text())["site"]
+    assert (site["latitude_deg"], site["longitude_deg"]) == pytest.approx(means, abs=1e-5)
+
+
+@pytest.mark.parametrize("latitude", ["48.5.1", "48 51 24 E", "-48 N", "48 75", "11,404", "٤٨ 51"])
+def test_angles_that_are_none_or_contradict_themselves_are_refused(tmp_path: Path, latitude: str) -> None:
+    done = _run("init", "--latitude", latitude, "--longitude", "11", "--no-look", folder=tmp_path)
+    assert done.returncode == 2
+    assert "is not a latitude" in done.stderr
