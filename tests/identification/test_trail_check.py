@@ -223,7 +223,8 @@ def test_a_seventh_of_the_light_beside_a_short_trail_is_refused_or_in_the_middle
     verdict = solve(one.frame, embedded_catalog(), hint=one.hint, settings=ways(125_216))
     if verdict.solution is None:
         assert verdict.reason is Reason.TRAILED
-        assert "to one side" in verdict.detail
+        # found as a second exposure, or by the middle of the stars' light
+        assert "two exposures in one" in verdict.detail or "to one side" in verdict.detail
         return
     sigma_px = verdict.solution.center_sigma_arcsec / one.scale_arcsec_px
     assert one.error_px(verdict) < 4.0 * sigma_px
