@@ -58,6 +58,10 @@ def _place() -> tuple[float, float]:
     return there.ra_deg, there.dec_deg
 
 
+_EXPOSURES = 20
+"""Within so many of half a second the simulator has heard of the mount."""
+
+
 async def start(stock: StockServer) -> None:
     """Run it though its first driver is no program but a remote device."""
     which = shutil.which
@@ -141,7 +145,11 @@ async def test_the_real_ccd_simulator_snoops_and_draws_where_the_mount_points(
     )
     await camera.open()
     try:
-        frame = await camera.expose(0.5)
+        # it draws the zero point of the sky until the first place has come to it
+        for _ in range(_EXPOSURES):
+            frame = await camera.expose(0.5)
+            if abs(sky.looked_at()[-1].dec_deg) > 1.0:
+                break
     finally:
         await camera.close()
     reported = mechanics_of(service).reported(utc_now())
