@@ -186,7 +186,7 @@ def test_a_cut_line_is_told_and_nothing_old_looks_fresh(
         "return job.job && job.job !== before && job.state === 'succeeded'; }",
         arg=before,
     )
-    # its end may have been read before the stream told of it: without an event there is no place to go on from
+    # its end may have been read before the stream told of it: without one it has no place to go on from
     page.wait_for_function("() => window.streamTold")
     wire.cut()
     page.wait_for_selector("#lost:not([hidden])")
