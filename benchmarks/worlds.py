@@ -469,12 +469,18 @@ def _judge_syncs(made: Observatory) -> None:
     made.mount.sync = judged
 
 
+_POLE_CLEAR_DEG = 5.0
+"""So far above the limit the pole stands where places near it are drawn."""
+
+
 def target(world: World, utc: datetime, chance: random.Random) -> Icrs:
     """A place somewhere in the sky: mostly what is allowed, some near the pole, a few below the limit."""
     toward = math.copysign(1.0, world.site.latitude_deg)
     roll = chance.random()
+    # from low latitudes the pole is below the limit
+    pole_deg = abs(world.site.latitude_deg) - world.limits.min_altitude_deg
     while True:
-        if roll < 0.15:
+        if roll < 0.15 and pole_deg > _POLE_CLEAR_DEG:
             place = HourAngle(chance.uniform(-180.0, 180.0), toward * chance.uniform(85.0, 89.9), utc)
         else:
             dec_deg = math.degrees(math.asin(chance.uniform(-1.0, 1.0)))
