@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 import tomllib
 from collections import Counter
 from collections.abc import Hashable, Iterable
@@ -142,6 +143,8 @@ def _deepest(text: str) -> int:
 
 def _toml_fault(what: str, text: str, at: int) -> tomllib.TOMLDecodeError:
     """As tomllib tells of a fault: with line and column, from 1."""
+    if sys.version_info >= (3, 14):
+        return tomllib.TOMLDecodeError(what, text, at)
     line = text.count("\n", 0, at) + 1
     column = at - (text.rfind("\n", 0, at) + 1) + 1
     return tomllib.TOMLDecodeError(f"{what} (at line {line}, column {column})")
