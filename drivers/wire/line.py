@@ -404,7 +404,8 @@ class SerialLine(_ReadAhead):
 
     def _write_whole(self, port: serial.Serial, data: bytes) -> None:
         with self._writing:
-            self._writing.wait_for(lambda: self._stops_written >= self._stops_ordered)
+            # no longer than a stop takes: one that never came to its thread holds up nothing for ever
+            self._writing.wait_for(lambda: self._stops_written >= self._stops_ordered, _WRITE_TIMEOUT_S)
             self._write(port, data)
 
     def _write_stop(self, port: serial.Serial, data: bytes) -> None:
