@@ -98,7 +98,8 @@ def read_eqascom_alignment(text: str, latitude_deg: float, *, name: str = "file"
             advice="points of one night are read, of a mount whose axes have the same number of counts",
         )
     read_lon, read_lat = mechanical(read_ra, read_dec)
-    return np.stack([lon, lat, read_lon, read_lat], axis=1).tolist()  # type: ignore[no-any-return]
+    points = zip(lon, lat, read_lon, read_lat, strict=True)
+    return [[float(angle_deg) for angle_deg in point] for point in points]
 
 
 def _stars(text: str, name: str) -> list[list[float]]:
